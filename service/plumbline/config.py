@@ -1,0 +1,163 @@
+"""Settings: read once, checked, frozen. A station's live in the database (a TOML file seeds them); a server's in TOML and flags."""
+
+import tomllib
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from plumbline.errors import ConfigurationError
+
+StationId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,62}$")]
+Vector3 = tuple[float, float, float]
+
+
+class Mode(StrEnum):
+    """How a station is processed."""
+
+    PPP = "ppp"
+    PPP_ACCEL = "ppp-accel"
+    CORRECTIONS = "corrections"  # not a station: a stream of ephemerides or SSR that others use
+
+
+class AntennaMotion(StrEnum):
+    """What the position filter expects of the antenna."""
+
+    KINEMATIC = "kinematic"
+    STATIC = "static"
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DeviceSettings(_Frozen):
+    """How a station's device is recognised and spoken to."""
+
+    registrations: tuple[str, ...] = ()  # first bytes that name the station; \\xNN escapes allowed
+    token: str | None = None  # for `ID,TOKEN` and NTRIP passwords; None: any
+    port: int | None = Field(None, ge=1, le=65535)  # a listening port bound to this station alone
+    prefix_mode: bool = False  # the registration stands before every data packet
+    heartbeat: str | None = None  # bytes between frames that are a heartbeat (counted; anything else is noise)
+    echo_heartbeat: bool = False
+    rtcm_station_ids: tuple[int, ...] = ()  # on a shared connection: the DF003 values that are this station's
+    inertial_message: int = Field(4001, ge=1, le=4095)
+
+
+class PositioningSettings(_Frozen):
+    """Settings of the position filter. Noise values are one sigma."""
+
+    systems: str = Field("GREC", pattern=r"^[GRESJCI]+$")
+    elevation_mask_deg: float = Field(7.0, ge=0, lt=90)
+    motion: AntennaMotion = AntennaMotion.KINEMATIC
+    ambiguity_resolution: Literal["off", "on"] = "off"
+    code_sigma_m: float = Field(0.3, gt=0)  # at the zenith, per signal
+    phase_sigma_m: float = Field(0.003, gt=0)
+    static_process_noise_m_sqrt_h: float = Field(0.0, ge=0)
+    zenith_delay_process_noise_m_sqrt_h: float = Field(0.006, ge=0)
+    gradient_process_noise_m_sqrt_h: float = Field(0.0006, ge=0)
+    max_correction_age_s: float = Field(30.0, gt=0)  # clock; orbits and biases have their own, longer, limits
+    max_orbit_correction_age_s: float = Field(120.0, gt=0)
+    max_bias_age_s: float = Field(7200.0, gt=0)
+    max_gap_s: float = Field(600.0, gt=0)  # the filter's ambiguities are kept over gaps up to this
+    converged_sigma_m: float = Field(0.05, gt=0)  # three-dimensional sigma at which "converging" ends
+
+
+class FusionSettings(_Frozen):
+    """Settings of the multirate filter (Wang 2023, eqs 1-8). Densities are one sigma."""
+
+    rotation_enu_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    inertial_time_offset_s: float = Field(0.0, ge=-10, le=10)  # added to the samples' time stamps
+    acceleration_noise_m_s2_sqrt_hz: float = Field(1.0e-3, gt=0)
+    baseline_drift_m_s2_sqrt_s: float = Field(1.0e-5, gt=0)
+    displacement_sigma_m: Vector3 | None = None  # None: the solution's own covariance
+    late_limit_s: float = Field(30.0, gt=0)  # how old a GNSS solution may be applied
+
+
+class StationSettings(_Frozen):
+    """Everything that a station's pipeline needs to know."""
+
+    station: StationId
+    name: str = ""
+    mode: Mode = Mode.PPP_ACCEL
+    reference_position_ecef_m: Vector3 | None = None  # None: the first converged position becomes it
+    reference_frame: str = "ITRF2020"
+    antenna_type: str | None = None
+    antenna_height_m: float = 0.0  # reference point above the marker
+    correction_streams: tuple[StationId, ...] = ()  # streams whose ephemerides and SSR this station uses; empty: all
+    ocean_loading_blq: str | None = None  # path of a BLQ file
+    epoch_deadline_s: float = Field(0.35, gt=0)  # how long an epoch waits for late constellations
+    silent_after_s: float = Field(10.0, gt=0)
+    structure_azimuth_deg: float | None = None  # longitudinal axis, clockwise from north
+    device: DeviceSettings = DeviceSettings()
+    positioning: PositioningSettings = PositioningSettings()
+    fusion: FusionSettings = FusionSettings()
+
+
+class NtripSource(_Frozen):
+    """A caster's mountpoint that the server fetches as a stream of its own."""
+
+    station: StationId
+    url: str = Field(pattern=r"^https?://")  # http://host:port/MOUNT
+    user: str | None = None
+    password: str | None = None
+    version: Literal[1, 2] = 2
+    send_position_ecef_m: Vector3 | None = None  # for a virtual reference station: sent as GGA every 10 s
+
+
+class ThresholdSettings(_Frozen):
+    """A threshold as the seeding file gives it; SI units."""
+
+    threshold_id: StationId
+    station: StationId
+    quantity: str
+    level: float
+    severity: Literal["warning", "alarm"] = "alarm"
+    on_delay_s: float = Field(0.0, ge=0)
+    off_delay_s: float = Field(0.0, ge=0)
+    dead_band: float = Field(0.0, ge=0)
+    enabled: bool = True
+
+
+class ServerSettings(_Frozen):
+    """The server's own settings."""
+
+    data_dir: Path = Path("plumbline-data")
+    database_url: str | None = None  # None: SQLite in data_dir
+    http_host: str = "0.0.0.0"
+    http_port: int = Field(8000, ge=0, le=65535)
+    ingest_host: str = "0.0.0.0"
+    ingest_port: int = Field(9000, ge=0, le=65535)
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    workers: int | None = Field(None, ge=1)  # None: cores − 1, at least 1
+    bus_endpoint: str = "tcp/127.0.0.1:0"  # where the main process listens for zenoh peers; port 0: a free one
+    bus_connect: tuple[str, ...] = ()  # routers or peers on other machines
+    registration_deadline_s: float = Field(15.0, gt=0)
+    idle_deadline_s: float = Field(120.0, gt=0)
+    max_connections: int = Field(20_000, ge=1)
+    max_connections_per_address: int = Field(2_000, ge=1)
+    hold_back_s: float = Field(0.05, ge=0)  # how long a worker waits so that streams merge in receive order
+    checkpoint_interval_s: float = Field(10.0, gt=0)
+    stations: tuple[StationSettings, ...] = ()
+    thresholds: tuple[ThresholdSettings, ...] = ()
+    ntrip: tuple[NtripSource, ...] = ()
+
+    @model_validator(mode="after")
+    def _tls_needs_both(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate and tls_key go together")
+        return self
+
+
+def read_server_settings(path: Path | None, **overrides: object) -> ServerSettings:
+    """Settings from a TOML file (None: defaults) with non-None overrides; raises ConfigurationError saying which is wrong."""
+    try:
+        text = path.read_text(encoding="utf-8") if path else ""
+        values = tomllib.loads(text) | {key: value for key, value in overrides.items() if value is not None}
+        return ServerSettings.model_validate(values)
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, ValidationError) as error:
+        raise ConfigurationError(f"{path or 'settings'}: {error}") from error

@@ -1,0 +1,35 @@
+"""Physical and system constants: value, unit, source."""
+
+from typing import Final
+
+SPEED_OF_LIGHT_M_S: Final = 299_792_458.0  # SI
+STANDARD_GRAVITY_M_S2: Final = 9.80665  # CGPM 1901
+
+# Earth, WGS 84 (NGA.STND.0036)
+EARTH_SEMI_MAJOR_AXIS_M: Final = 6_378_137.0
+EARTH_FLATTENING: Final = 1.0 / 298.257223563
+EARTH_ECCENTRICITY_SQUARED: Final = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
+EARTH_ROTATION_RATE_RAD_S: Final = 7.2921151467e-5  # IS-GPS-200, also used by Galileo and QZSS
+
+# Gravitational constants of each system's interface document, m^3/s^2
+EARTH_GM_GPS_M3_S2: Final = 3.986005e14  # IS-GPS-200
+EARTH_GM_GALILEO_M3_S2: Final = 3.986004418e14  # Galileo OS SIS ICD
+EARTH_GM_BEIDOU_M3_S2: Final = 3.986004418e14  # BDS-SIS-ICD
+EARTH_GM_GLONASS_M3_S2: Final = 3.986004418e14  # PZ-90.11
+EARTH_ROTATION_RATE_BEIDOU_RAD_S: Final = 7.292115e-5  # BDS-SIS-ICD (CGCS2000)
+EARTH_ROTATION_RATE_GLONASS_RAD_S: Final = 7.292115e-5  # PZ-90.11
+
+# Sun and Moon
+SUN_GM_M3_S2: Final = 1.32712442076e20  # IERS Conventions 2010
+MOON_GM_M3_S2: Final = 4.902801e12  # DE421
+SUN_RADIUS_M: Final = 6.96e8
+ASTRONOMICAL_UNIT_M: Final = 149_597_870_700.0  # IAU 2012
+
+# Time scales, seconds
+BDT_BEHIND_GPST_S: Final = 14  # BDS-SIS-ICD: BDT began at UTC 2006-01-01, when GPS - UTC was 14 s
+GLONASS_TIME_AHEAD_OF_UTC_S: Final = 10_800  # GLONASS ICD: Moscow time
+GST_WEEK_BEHIND_GPS_WEEK: Final = 1024  # Galileo week 0 = GPS week 1024
+BDT_WEEK_BEHIND_GPS_WEEK: Final = 1356  # BDT week 0 = GPS week 1356
+
+# RTCM 10403: one light-millisecond, metres
+LIGHT_MILLISECOND_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
