@@ -1,4 +1,4 @@
-"""Settings: read once, checked, frozen. A station's live in the database (a TOML file seeds them); a server's in TOML and flags."""
+"""Settings: read once, checked, frozen. A station's live in the database, seeded from TOML; a server's in TOML."""
 
 import tomllib
 from enum import StrEnum
@@ -152,7 +152,7 @@ class ServerSettings(_Frozen):
 
 
 def read_server_settings(path: Path | None, **overrides: object) -> ServerSettings:
-    """Settings from a TOML file (None: defaults) with non-None overrides; raises ConfigurationError saying which is wrong."""
+    """Settings from TOML (None: defaults) with non-None overrides; raises ConfigurationError that says what is wrong."""
     try:
         text = path.read_text(encoding="utf-8") if path else ""
         values = tomllib.loads(text) | {key: value for key, value in overrides.items() if value is not None}

@@ -1,9 +1,9 @@
 """Every noun that passes between stages. All are frozen: a stage answers with new records and changes none.
 
-Arrays are ``float64`` unless said otherwise, NaN means missing, and are not to be written to. Times are GPS time in integer
-nanoseconds (``_gps_ns``) unless their name says otherwise; ``t_receive_ns`` is the GPS time at which ingest received the
-last byte that the record was made of. Frames and units stand in the names; ``enu`` is east, north, up at the station's
-reference position.
+Arrays are ``float64`` unless said otherwise, NaN means missing, and are not to be written to. Times are GPS time in
+integer nanoseconds (``_gps_ns``) unless their name says otherwise; ``t_receive_ns`` is the GPS time at which ingest
+received the last byte that the record was made of. Frames and units stand in the names; ``enu`` is east, north, up at
+the station's reference position.
 """
 
 from collections.abc import Mapping
