@@ -227,6 +227,47 @@ class SsrVtec:
 SsrCorrection = SsrOrbit | SsrClock | SsrCodeBias | SsrPhaseBias | SsrUra | SsrVtec
 
 
+@dataclass(frozen=True, slots=True)
+class PreciseOrbits:
+    """Positions of the satellites' centres of mass on a common time grid (SP3), NaN where missing."""
+
+    satellite: SatelliteIds  # (s,), ascending
+    t_gps_ns: Ints  # (m,), strictly ascending
+    position_ecef_m: Floats  # (m, s, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class PreciseClocks:
+    """Satellite clock offsets on a common time grid (CLK), NaN where missing; without the periodic relativistic term."""
+
+    satellite: SatelliteIds  # (s,), ascending
+    t_gps_ns: Ints  # (m,), strictly ascending
+    clock_s: Floats  # (m, s)
+
+
+@dataclass(frozen=True, slots=True)
+class AntennaPattern:
+    """Phase centre of one antenna at one frequency, as ANTEX gives it; metres."""
+
+    frequency: str  # ANTEX code: system letter and band, "G01", "E05"
+    offset_m: tuple[float, float, float]  # receivers: north, east, up; satellites: x, y, z of the body
+    variation_m: Floats  # (zenith or nadir grid,): without azimuth (NOAZI)
+    variation_by_azimuth_m: Floats | None = None  # (azimuth grid, zenith grid), from azimuth 0 to 360° inclusive
+
+
+@dataclass(frozen=True, slots=True)
+class AntennaCalibration:
+    """An ANTEX antenna: a receiver's type (``satellite`` None) or a satellite's for a span of time."""
+
+    antenna_type: str  # "ASH701945E_M    SCIS": receivers antenna and radome, satellites the block
+    serial: str  # receivers: empty for a type mean; satellites: the RINEX name (G05)
+    zenith_grid_rad: Floats  # evenly spaced zenith angles (satellites: nadir angles)
+    patterns: tuple[AntennaPattern, ...]
+    satellite: int | None = None
+    valid_from_gps_ns: int | None = None
+    valid_until_gps_ns: int | None = None
+
+
 # --------------------------------------------------------------------------------------------- results
 
 
