@@ -238,7 +238,7 @@ class PreciseOrbits:
 
 @dataclass(frozen=True, slots=True)
 class PreciseClocks:
-    """Satellite clock offsets on a common time grid (CLK), NaN where missing; without the periodic relativistic term."""
+    """Satellite clock offsets on a common time grid (CLK), NaN where missing; no periodic relativistic term in them."""
 
     satellite: SatelliteIds  # (s,), ascending
     t_gps_ns: Ints  # (m,), strictly ascending
