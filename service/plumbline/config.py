@@ -152,7 +152,7 @@ class ServerSettings(_Frozen):
 
 
 def read_server_settings(path: Path | None, **overrides: object) -> ServerSettings:
-    """Settings from TOML (None: defaults) with non-None overrides; raises ConfigurationError that says what is wrong."""
+    """Settings from TOML (None: defaults) and non-None overrides; raises ConfigurationError saying what is wrong."""
     try:
         text = path.read_text(encoding="utf-8") if path else ""
         values = tomllib.loads(text) | {key: value for key, value in overrides.items() if value is not None}
