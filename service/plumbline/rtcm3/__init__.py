@@ -1,0 +1,1 @@
+"""RTCM 10403 both ways, without input or output: bytes → frames → messages, and back."""
