@@ -24,6 +24,22 @@ Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes of one stream as ingest received and archived them: (archive, station, offset) names the first byte for ever."""
+
+    archive: str  # id of the archive that holds them: one an ingest
+    station: str
+    offset: int  # of the first byte, counted from the stream's first byte in that archive
+    t_receive_ns: int  # strictly increasing within an archive
+    data: bytes
+
+    @property
+    def end(self) -> int:
+        """Offset of the byte after the last."""
+        return self.offset + len(self.data)
+
+
+@dataclass(frozen=True, slots=True)
 class Epoch:
     """All observations of one antenna at one instant: struct of arrays, one row per (satellite, signal).
 
