@@ -1,0 +1,71 @@
+"""The state that a station's position filter carries from epoch to epoch: small, frozen, picklable.
+
+Layout of ``x`` (and of ``p``): the core states below, then one ionosphere-free ambiguity (metres) for every arc, in the
+order of ``arcs``. A core state that is not in use yet has a zero row in ``p``.
+
+An *arc* is the history of one satellite's pair of signals: what cycle-slip detection compares with, and how long the
+ambiguity has been the same.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.records import Floats
+from plumbline.signals import System
+
+POSITION: Final = slice(0, 3)  # antenna's marker, ECEF, m
+ZENITH_DELAY: Final = 3  # wet part, m
+GRADIENTS: Final = slice(4, 6)  # north, east, m
+CLOCKS: Final = slice(6, 6 + len(System))  # receiver clock against each system's, m
+N_CORE: Final = 6 + len(System)
+
+ARC_DTYPE: Final = np.dtype(
+    [
+        ("satellite", np.int16),
+        ("signal_1", np.int16),
+        ("signal_2", np.int16),
+        ("discontinuity_1", np.int16),
+        ("discontinuity_2", np.int16),
+        ("half_cycle", np.int8),  # bit 0: first signal's ambiguity may be off by half a cycle, bit 1: second's
+        ("estimated", np.bool_),  # its ambiguity state is in use
+        ("t_first_ns", np.int64),
+        ("t_last_ns", np.int64),
+        ("lock_time_s", np.float64),
+        ("geometry_free_m", np.float64),  # phase, first minus second frequency, at t_last
+        ("geometry_free_rate_m_s", np.float64),  # NaN until two epochs are known
+        ("wide_lane_cycles", np.float64),  # mean of Melbourne-Wübbena over the arc
+        ("wide_lane_count", np.int64),
+        ("phase_minus_code_m", np.float64),  # ionosphere-free, at t_last
+        ("wind_up_cycles", np.float64),  # continuous over the arc
+    ],
+    align=True,
+)
+
+Records = NDArray[Any]  # structured arrays: NumPy's types do not name their fields
+
+
+def no_arcs() -> Records:
+    """An empty arc table."""
+    return np.zeros(0, ARC_DTYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class PppState:
+    """State of the position filter after an epoch. ``t_gps_ns`` None: nothing has been estimated yet."""
+
+    t_gps_ns: int | None = None
+    x: Floats = field(default_factory=lambda: np.zeros(N_CORE))
+    p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))
+    arcs: Records = field(default_factory=no_arcs)
+    phase_jump_m: float = 0.0  # clock jumps that the receiver applied to the code alone, summed
+    rejected_in_a_row: int = 0  # epochs that quality control refused
+    reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
+    t_converged_gps_ns: int | None = None  # when the position first reached the accuracy asked for
+
+
+def initial_state() -> PppState:
+    """The state before the first epoch."""
+    return PppState()
