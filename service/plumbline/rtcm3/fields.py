@@ -319,11 +319,13 @@ def encode_table(table: Table, fields: Fields) -> bytes:
 
 
 def _encode_plan(compiled: _Compiled, plan: _Plan, writer: BitWriter, fields: Fields, outer: Fields) -> None:
+    lengths = {count: len(fields[group]) for count, group in compiled.counts.items() if group in fields}
+    fields = {**fields, **lengths}
     for step in plan:
         if isinstance(step, _Block):
             block = 0
             for row, shift, _ in step.rows:
-                block |= _raw_of_value(row, _row_value(compiled, row, fields)) << shift
+                block |= _raw_of_value(row, _field(row, fields)) << shift
             writer.unsigned(block, step.bits)
         elif isinstance(step, Text):
             octets = _octets(step, _field(step, fields))
@@ -339,11 +341,6 @@ def _encode_plan(compiled: _Compiled, plan: _Plan, writer: BitWriter, fields: Fi
             else:
                 for repeat in repeats:
                     _encode_plan(compiled, step.plan, writer, repeat, {**outer, **fields})
-
-
-def _row_value(compiled: _Compiled, row: Row, fields: Fields) -> Any:
-    group = compiled.counts.get(row.name)
-    return len(fields[group]) if group is not None and group in fields else _field(row, fields)
 
 
 def _field(item: Row | Text | Values | _Repeat, fields: Fields) -> Any:
