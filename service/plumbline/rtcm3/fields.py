@@ -182,15 +182,27 @@ class _Compiled:
 
 
 class Table:
-    """A message type: number, title, rows; compiled once into integer blocks."""
+    """A message type: number, title, rows; compiled once into integer blocks.
 
-    __slots__ = ("compiled", "number", "rows", "subtype", "title")
+    ``alternative`` is a second layout that streams in the field use under the same number. Decoding takes it where it
+    fills the payload to less than a byte and the first does not; encoding takes it where the first lacks a field.
+    """
 
-    def __init__(self, number: int, title: str, rows: tuple[Item, ...], subtype: int | None = None) -> None:
+    __slots__ = ("alternative", "compiled", "number", "rows", "subtype", "title")
+
+    def __init__(
+        self,
+        number: int,
+        title: str,
+        rows: tuple[Item, ...],
+        subtype: int | None = None,
+        alternative: "Table | None" = None,
+    ) -> None:
         self.number = number
         self.title = title
         self.rows = rows
         self.subtype = subtype
+        self.alternative = alternative
         self.compiled = _Compiled(_compile(rows), _counts(rows))
 
 
@@ -246,13 +258,25 @@ def _counts(rows: tuple[Item, ...]) -> dict[str, str]:
 
 def decode_table(table: Table, payload: bytes) -> Message | Malformed:
     """Decode a payload (message number included) by its table."""
+    fields, remaining = _decode_layout(table, payload)
+    if table.alternative is not None and (fields is None or remaining >= 8):
+        other, other_remaining = _decode_layout(table.alternative, payload)
+        if other is not None and other_remaining < 8:
+            fields = other
+    if fields is None:
+        return Malformed(table.number, "too_short")
+    return Message(table.number, fields, table.subtype)
+
+
+def _decode_layout(table: Table, payload: bytes) -> tuple[dict[str, Any] | None, int]:
+    """Fields by one layout (None: the payload is too short for it) and the bits left unread."""
     reader = BitReader(payload, MESSAGE_NUMBER_BITS)
     fields: dict[str, Any] = {}
     try:
         _decode_plan(table.compiled.plan, reader, fields, {})
     except BitsExhausted:
-        return Malformed(table.number, "too_short")
-    return Message(table.number, fields, table.subtype)
+        return None, 0
+    return fields, reader.remaining
 
 
 def _decode_plan(plan: _Plan, reader: BitReader, out: dict[str, Any], outer: Fields) -> None:
@@ -310,6 +334,15 @@ def _value_of_raw(row: Row, raw: int) -> Any:
 
 def encode_table(table: Table, fields: Fields) -> bytes:
     """Encode fields by a table; raises :class:`ContractError` for a field that is missing or does not fit."""
+    if table.alternative is not None:
+        try:
+            return _encode_layout(table, fields)
+        except ContractError:
+            return _encode_layout(table.alternative, fields)
+    return _encode_layout(table, fields)
+
+
+def _encode_layout(table: Table, fields: Fields) -> bytes:
     writer = BitWriter()
     writer.unsigned(table.number, MESSAGE_NUMBER_BITS)
     if table.subtype is not None:
