@@ -69,9 +69,15 @@ class FusionSettings(_Frozen):
 
     rotation_enu_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     inertial_time_offset_s: float = Field(0.0, ge=-10, le=10)  # added to the samples' time stamps
-    acceleration_noise_m_s2_sqrt_hz: float = Field(1.0e-3, gt=0)
+    acceleration_noise_m_s2_sqrt_hz: float = Field(2.6e-4, gt=0)  # two-sided; SCA3300: 37 µg/√Hz one-sided
+    shaking_noise_sqrt_s: float = Field(3.0e-3, ge=0)  # added in proportion to the acceleration: gain, axes, tilt
     baseline_drift_m_s2_sqrt_s: float = Field(1.0e-5, gt=0)
+    coasting_noise_m_s2_sqrt_hz: float = Field(0.05, gt=0)  # acceleration that nobody measures, without samples
     displacement_sigma_m: Vector3 | None = None  # None: the solution's own covariance
+    innovation_gate_sigma: float = Field(6.0, gt=0)  # a solution further off its prediction is refused
+    max_refusals: int = Field(3, ge=1)  # this many in a row, and the filter starts anew from the solution
+    accelerometer_timeout_s: float = Field(3.0, gt=0)  # samples later than this: motion from GNSS alone
+    coasting_after_s: float = Field(10.0, gt=0)  # without a solution, motion is marked as coasting
     late_limit_s: float = Field(30.0, gt=0)  # how old a GNSS solution may be applied
 
 
@@ -87,7 +93,7 @@ class StationSettings(_Frozen):
     antenna_height_m: float = 0.0  # reference point above the marker
     correction_streams: tuple[StationId, ...] = ()  # streams whose ephemerides and SSR this station uses; empty: all
     ocean_loading_blq: str | None = None  # path of a BLQ file
-    epoch_deadline_s: float = Field(0.35, gt=0)  # how long an epoch waits for late constellations
+    epoch_deadline_s: float = Field(0.8, gt=0)  # how long an epoch waits for late constellations
     silent_after_s: float = Field(10.0, gt=0)
     structure_azimuth_deg: float | None = None  # longitudinal axis, clockwise from north
     device: DeviceSettings = DeviceSettings()
