@@ -84,6 +84,9 @@ class RinexObservations:
             if flag >= _EVENT:
                 self.skipped["event record"] += 1
                 continue
+            if len(lines) < count:
+                self.skipped["truncated epoch"] += 1
+                continue
             try:
                 yield _epoch_time(line, self.header.time_scale), flag, lines
             except ValueError:

@@ -155,12 +155,12 @@ def _on_even_grid(path: Path, times: list[int], values: Floats, unit: str, names
     steps = np.diff(t)
     if (steps <= 0).any():
         raise FileFormatError(f"{path}: times do not increase")
-    interval_ns = round(float(np.median(steps)))
-    without_gaps = steps[steps < 1.5 * interval_ns]
-    interval_ns = round(float(without_gaps.mean()))
-    index = np.rint((t - t[0]) / interval_ns).astype(np.int64)
-    off = np.abs(t - t[0] - index * interval_ns)
-    if (np.diff(index) <= 0).any() or off.max() > _EVENNESS * interval_ns:
+    counts = np.rint(steps / np.quantile(steps, 0.5, method="lower")).astype(np.int64)
+    if (counts < 1).any():
+        raise FileFormatError(f"{path}: samples are not evenly spaced")
+    interval_ns = round(float(steps.sum() / counts.sum()))
+    index = np.concatenate([[0], np.cumsum(counts)])
+    if np.abs(t - t[0] - index * interval_ns).max() > _EVENNESS * interval_ns:
         raise FileFormatError(f"{path}: samples are not evenly spaced")
     grid = np.full((index[-1] + 1, values.shape[1]), np.nan)
     grid[index] = values

@@ -67,6 +67,8 @@ class LineSource:
         return self
 
     def __next__(self) -> bytes:
+        if self._text.closed:
+            raise StopIteration
         try:
             line = self._text.readline()
         except (OSError, EOFError) as error:  # a truncated or damaged gzip member
