@@ -36,7 +36,7 @@ def unpacked(data_dir: Path, name: str, tmp_path: Path, n_lines: int | None = No
 def rtklib_name(sat: int) -> str:
     name = rtklib.Arr1Dchar(8)
     rtklib.satno2id(sat, name)
-    return str(name.ptr)
+    return f"S{int(name.ptr) - 100:02d}" if name.ptr.isdigit() else str(name.ptr)
 
 
 def rtklib_read(path: str) -> tuple[object, object]:
