@@ -1,9 +1,9 @@
 """A motion block's samples as bytes: quantised, differenced, packed at the width they need, compressed.
 
 Quanta are 10 µm, 10 µm/s, 10 µm/s² and, for sigmas, 10 µm: far below what GNSS and an accelerometer resolve. Layout
-before zlib: version (1 byte), then for each of 12 channels the width w in bytes of its differences (12 bytes), then for
-each channel its first value (int64), then for each channel (n − 1) × w bytes of zigzag differences, the least significant
-bytes of all samples first. All little-endian. A missing value is a NaN outside and −2^52 inside.
+before zlib: version (1 byte), then for each of 12 channels the width w in bytes of its differences (12 bytes), then
+for each channel its first value (int64), then for each channel (n − 1) × w bytes of zigzag differences, the least
+significant bytes of all samples first. All little-endian. A missing value is a NaN outside and −2^52 inside.
 """
 
 import zlib
@@ -53,7 +53,7 @@ def encode(quanta: NDArray[np.int64]) -> bytes:
     zigzag = ((differences << 1) ^ (differences >> 63)).view(np.uint64)
     largest = zigzag.max(axis=1, initial=0)
     widths = [(int(value).bit_length() + 7) // 8 for value in largest]
-    planes = zigzag.astype("<u8", copy=False).view(np.uint8).reshape(*zigzag.shape, 8)
+    planes = np.ascontiguousarray(zigzag, dtype="<u8").view(np.uint8).reshape(*zigzag.shape, 8)
     body = b"".join(planes[i, :, :width].T.tobytes() for i, width in enumerate(widths))
     return zlib.compress(bytes([_VERSION, *widths]) + quanta[:, 0].astype("<i8").tobytes() + body, 1)
 

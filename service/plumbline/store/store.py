@@ -136,7 +136,7 @@ class Store:
         return await self._write(registry.change_station, settings, expected_version)
 
     async def delete_station(self, station: str, purge: bool = False) -> bool:
-        """Remove a station, its thresholds, status and checkpoint (``purge``: and all results); False: there is none."""
+        """Remove a station, its thresholds, status and checkpoint (``purge``: and results); False: there is none."""
         return await self._write(registry.delete_station, station, purge)
 
     async def seed(self, stations: Sequence[StationSettings], thresholds: Sequence[Threshold] = ()) -> None:

@@ -28,7 +28,7 @@ _NO_VECTOR = (None, None, None)
 
 
 def write(connection: Connection, batch: Sequence[Output], checkpoints: Sequence[Checkpoint]) -> int:
-    """Store everything; returns the number of records. Rows are keyed by station and event time: replays are harmless."""
+    """Store everything; returns the number of records. Rows are keyed by station and event time, replays harmless."""
     solutions = [_solution_row(output) for output in batch if isinstance(output, Solution)]
     upsert(connection, solution_table, solutions)
     _write_motion(connection, [output for output in batch if isinstance(output, Motion)])

@@ -15,9 +15,8 @@ CHANNELS = [
 POSITIONS = ["x_ecef_m", "y_ecef_m", "z_ecef_m", "e_m", "n_m", "u_m"]
 COVARIANCES = [f"cov_{pair}_m2" for pair in ("ee", "en", "eu", "nn", "nu", "uu")]
 VELOCITIES = ["ve_m_s", "vn_m_s", "vu_m_s"]
-DROPPED = (
-    "alert_history alerts motion_summaries motion solutions checkpoints devices station_status thresholds stations"
-)
+SERIES = ("alert_history", "alerts", "motion_summaries", "motion", "solutions")
+REGISTRY = ("checkpoints", "devices", "station_status", "thresholds", "stations")
 
 
 def _key(name: str, kind: object = NAME) -> sa.Column:  # type: ignore[type-arg]
@@ -148,5 +147,5 @@ def upgrade() -> None:
 
 def downgrade() -> None:
     """Drop every table."""
-    for table in DROPPED.split():
+    for table in (*SERIES, *REGISTRY):
         op.drop_table(table)
