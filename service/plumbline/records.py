@@ -181,6 +181,7 @@ class SsrOrbit:
     issue: Ints  # the broadcast ephemeris they refer to
     delta_rac_m: Floats
     delta_rate_rac_m_s: Floats
+    issue_rule: str = "issue"  # how `issue` names its ephemeris: its own issue, or BeiDou's "toe_8s", "toe_720s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +304,7 @@ class Status(StrEnum):
     NO_BASE = "no_base"
     REJECTED = "rejected_by_quality_control"
     DIVERGED = "diverged"
+    COASTING = "coasting"  # motion without GNSS: carried by the accelerometer alone
 
     @property
     def has_position(self) -> bool:
@@ -354,6 +356,7 @@ class Motion:
     sigma_displacement_enu_m: Floats
     status: Status
     revision: int = 0
+    reason: str = ""  # empty when all is well; else words that a user can act on
 
 
 class Severity(StrEnum):
