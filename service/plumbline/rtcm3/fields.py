@@ -18,7 +18,7 @@ A table is a tuple of rows after the 12-bit message number (DF002), which the en
     register(STATION)
 
 * value = (raw + offset) · scale; without a scale it stays an ``int``. Kinds: ``unsigned``, ``signed`` (two's
-  complement), ``sign_magnitude`` (GLONASS), ``flag`` (bool), ``text``.
+  complement), ``sign_magnitude`` (GLONASS), ``flag`` (bool), ``text``, ``reserved`` (kept; zero unless given).
 * ``sentinel`` is the raw wire value, signed where the row is, that means "not available": it decodes to None, and None
   or NaN encodes to it.
 * a count is the name of an earlier row of the same or an enclosing scope (then encoding fills it in from the group's
@@ -45,6 +45,7 @@ Fields = Mapping[str, Any]
 Count = str | Callable[[Fields], int]
 
 MESSAGE_NUMBER_BITS: Final = 12
+_REQUIRED: Final = "required"
 
 
 class Kind(IntEnum):
@@ -67,6 +68,7 @@ class Row:
     scale: float | None = None
     sentinel: int | None = None
     offset: int = 0
+    default: Any = _REQUIRED  # what encoding takes where the field is not given
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +127,11 @@ def flag(df: str, name: str) -> Row:
 def text(df: str, name: str, encoding: str = "latin-1", length_bits: int = 8) -> Text:
     """Row of a string with its length before it. UTF-8 that is none keeps its bytes as surrogates."""
     return Text(df, name, encoding, length_bits)
+
+
+def reserved(bits: int, name: str = "reserved", default: int = 0) -> Row:
+    """Row of bits without a meaning of their own: kept on decoding, zero unless given on encoding."""
+    return Row("DF001", name, bits, Kind.UNSIGNED, default=default)
 
 
 @dataclass(frozen=True, slots=True)
@@ -380,6 +387,8 @@ def _field(item: Row | Text | Values | _Repeat, fields: Fields) -> Any:
     try:
         return fields[item.name]
     except KeyError:
+        if isinstance(item, Row) and item.default is not _REQUIRED:
+            return item.default
         raise ContractError(f"field {item.name!r} is missing") from None
 
 

@@ -16,10 +16,10 @@ LEGACY_ROLLOVER_CYCLES = 1500
 class Observations:
     """One message's observations: struct of arrays, a row per (satellite, signal), shapes (n,), NaN where missing.
 
-    Rows run by satellite, then signal. A row may have a code and no phase, or a phase and no code. Its satellite's rough
-    range missing, it has neither. ``phase_range_m`` is the carrier phase in metres, whatever the channel; in cycles it is
-    NaN where the GLONASS channel is unknown. Signs are RINEX's: ``phase_range_rate_m_s`` grows with the range and
-    ``doppler_hz`` falls with it.
+    Rows run by satellite, then signal. A row may have a code and no phase, or a phase and no code; where its
+    satellite's rough range is missing, it has neither. ``phase_range_m`` is the carrier phase in metres, whatever the
+    channel; in cycles it is NaN where the GLONASS channel is unknown. Signs are RINEX's: ``phase_range_rate_m_s`` is
+    positive when the range grows, ``doppler_hz`` when it falls.
     """
 
     number: int
@@ -65,4 +65,5 @@ class Observations:
 def unroll_legacy_phase(previous_cycles: Floats, cycles: Floats) -> Floats:
     """Legacy phases made continuous: they jump by 1500 cycles when phase minus code leaves its field (DF012, note)."""
     jumps = np.round((previous_cycles - cycles) / LEGACY_ROLLOVER_CYCLES)
-    return cycles + LEGACY_ROLLOVER_CYCLES * np.where(np.isfinite(jumps), jumps, 0.0)
+    continuous: Floats = cycles + LEGACY_ROLLOVER_CYCLES * np.where(np.isfinite(jumps), jumps, 0.0)
+    return continuous
