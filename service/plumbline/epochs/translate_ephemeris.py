@@ -1,9 +1,12 @@
 """Ephemeris messages → records, and back: full weeks, GPS time, one meaning of every sign.
 
 Weeks: 1019, 1041 and 1044 count GPS weeks modulo 1024, 1042 BDT's weeks, 1045 and 1046 GST's; some encoders send the
-GPS week in 1042, 1045 or 1046. Where the week sent agrees with the stream's own time to a week, that time decides,
-since toe may lie in the week after the week sent; else (a receive clock that is far off, a recording) the week sent
-decides, read in the way that lies nearest.
+GPS week in 1042, 1045 or 1046. Where the stream's own time lies in the week sent, or within a day of it, that time
+decides, since toe may lie in the week after the week sent; else (a receive clock that is far off, a recording) the week
+sent decides, read in the way that lies nearest.
+
+GLONASS health is the most significant bit of B_n alone: receivers fill in l_n at will (``str-2018-195`` holds satellites
+that one receiver's l_n calls healthy and the other's does not).
 """
 
 import math
@@ -95,7 +98,6 @@ _RADIUS_RANGE_M: Final = (2.4e7, 2.7e7)  # GLONASS flies at 25,510 km
 _QUARTER_MS: Final = 900_000
 _FOUR_YEARS_DAYS: Final = 1461
 _GLONASS_EPOCH: Final = datetime(1996, 1, 1, tzinfo=UTC)
-_STREAM_TIME_TRUSTED_WEEKS: Final = 1
 
 
 def ephemeris_from_message(
@@ -145,13 +147,13 @@ def _kepler(kind: _Kind, f: Fields, t_receive_ns: int, near_ns: int) -> KeplerEp
 
 
 def _toe_gps_ns(kind: _Kind, week: int, toe_of_week_ns: int, near_ns: int) -> int:
-    """Reference time: by the stream's time where the week sent agrees with it to a week, else by the week sent."""
+    """Reference time: by the stream's time where that lies in the week sent or within a day of it, else by the week."""
     weeks = [resolve_week(week + offset, kind.week_modulus, near_ns) for offset in kind.week_offsets]
-    distances = [abs(candidate - near_ns // WEEK_NS) for candidate in weeks]
+    best = min(weeks, key=lambda candidate: abs(candidate - near_ns // WEEK_NS))
     remainder_ns = toe_of_week_ns + kind.time_offset_s * NS_PER_S
-    if min(distances) <= _STREAM_TIME_TRUSTED_WEEKS:
+    if best in ((near_ns - DAY_NS) // WEEK_NS, near_ns // WEEK_NS, (near_ns + DAY_NS) // WEEK_NS):
         return nearest_ns(remainder_ns, WEEK_NS, near_ns)
-    return weeks[distances.index(min(distances))] * WEEK_NS + remainder_ns
+    return best * WEEK_NS + remainder_ns
 
 
 def _group_delay(kind: _Kind, f: Fields) -> tuple[float, float]:
@@ -208,7 +210,7 @@ def _glonass(f: Fields, t_receive_ns: int, near_ns: int) -> GlonassEphemeris | R
         clock_bias_s=-f["tau_s"],
         frequency_bias=f["gamma"],
         group_delay_s=f["delta_tau_s"],
-        health=f["bn_unhealthy"] | f["ln_third_string"] << 1,
+        health=int(f["bn_unhealthy"]),
         age_days=f["age_days"],
     )
 
@@ -341,10 +343,10 @@ def _glonass_fields(e: GlonassEphemeris) -> dict[str, Any]:
         "almanac_healthy": e.health == 0,
         "almanac_health_available": True,
         "tk": moscow.hour << 7 | moscow.minute << 1,
-        "bn_unhealthy": bool(e.health & 1),
+        "bn_unhealthy": e.health != 0,
         "tb": quarters,
         "gamma": e.frequency_bias,
-        "ln_third_string": bool(e.health & 2),
+        "ln_third_string": e.health != 0,
         "tau_s": -e.clock_bias_s,
         "delta_tau_s": e.group_delay_s,
         "age_days": e.age_days,
