@@ -1,4 +1,4 @@
-"""A zenoh session fitted to asyncio: whole batches per wake-up, blocking and reliable sending, coroutines that answer."""
+"""A zenoh session fitted to asyncio: batches per wake-up, blocking and reliable sending, coroutines that answer."""
 
 import asyncio
 import contextlib
