@@ -68,7 +68,7 @@ _NS: Final = 1_000_000_000
 
 
 class SatelliteStates(NamedTuple):
-    """Satellites at given times: position (n, 3) and velocity (n, 3), Earth-fixed at that time; clock offset, rate (n,).
+    """Satellites at given times: position (n, 3) and velocity (n, 3), Earth-fixed at that time, clock offset (n,).
 
     The clock offset includes the periodic relativistic term, which stands alone in ``relativity_s`` too. ``status``
     (n,) is zero where the row can be used (:class:`plumbline.gnss.satellite_states.StateStatus`); elsewhere NaN.
@@ -136,7 +136,9 @@ def _pack_kepler(e: KeplerEphemeris) -> Floats:
 @njit(cache=True)
 def seconds_since(t_ns: int, whole_s: float, rest_ns: float) -> float:
     """``t_ns`` minus the split time, s, without loss of precision."""
-    return float((t_ns - (np.int64(whole_s) * _NS + np.int64(rest_ns))) * 1e-9)
+    elapsed_ns: int = t_ns - (int(whole_s) * _NS + int(rest_ns))
+    elapsed_ns: int = t_ns - (int(whole_s) * _NS + int(rest_ns))
+    return elapsed_ns * 1e-9
 
 
 @njit(cache=True)
@@ -218,7 +220,7 @@ def _turn_geo(rate: float, dt: float, position: Floats, velocity: Floats) -> Non
 
 @njit(cache=True)
 def broadcast_state(row: Floats, t_ns: int, position: Floats, velocity: Floats) -> tuple[float, float, float]:
-    """One satellite at the GPS time ``t_ns``: fills position [m], velocity [m/s]; returns clock, rate, relativity [s]."""
+    """One satellite at a GPS time: fills position [m] and velocity [m/s]; returns clock, rate, relativity [s]."""
     clock = broadcast_clock_s(row, t_ns)
     dt = seconds_since(t_ns, row[TOC_S], row[TOC_NS])
     rate = row[AF1] + 2.0 * row[AF2] * dt

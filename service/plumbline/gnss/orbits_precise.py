@@ -1,8 +1,8 @@
 """Precise orbits and clocks (SP3, CLK): interpolated, never across a gap or a jump.
 
 Orbits: once, every interval between two nodes gets a polynomial of degree 11 through its 12 nearest nodes, taken in a
-frame that stands still (Earth-fixed at the interval's start), where an orbit is smooth; an epoch then costs one Horner scheme and
-one rotation. Clocks: linear between neighbouring nodes.
+frame that stands still (Earth-fixed at the interval's start), where an orbit is smooth; an epoch then costs one Horner
+scheme and one rotation. Clocks: linear between neighbouring nodes.
 """
 
 import math
@@ -25,8 +25,9 @@ _MAX_SHIFT: Final = 2  # intervals that the window may be off centre, at the end
 class PreciseTables(NamedTuple):
     """Interpolation tables for the kernels. Index arrays (N_SATELLITES,) give a satellite's column, −1 for none.
 
-    ``coefficients_m`` (intervals, satellites, 3, N_NODES): ascending powers of the time since the interval's start in steps,
-    NaN where a gap is near. ``clock_s`` (nodes, satellites) and ``clock_jump`` (nodes, satellites): jump after the node.
+    ``coefficients_m`` (intervals, satellites, 3, N_NODES): ascending powers of the time since the interval's start in
+    steps, NaN where a gap is near. ``clock_s`` (nodes, satellites) and ``clock_jump`` (nodes, satellites): jump after
+    the node.
     """
 
     orbit_column: Ints
@@ -106,7 +107,7 @@ def clock_jumps(clock_s: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool
 
 
 def build_tables(orbits: PreciseOrbits, clocks: PreciseClocks) -> PreciseTables:
-    """Tables for :mod:`plumbline.gnss.satellite_states` from precise orbits and clocks; grids must be even (gaps allowed).
+    """Tables for :mod:`plumbline.gnss.satellite_states` from precise orbits and clocks; even grids, gaps allowed.
 
     Raises :class:`~plumbline.errors.ContractError` for uneven or descending grids.
     """
@@ -129,7 +130,7 @@ def build_tables(orbits: PreciseOrbits, clocks: PreciseClocks) -> PreciseTables:
 
 @njit(cache=True)
 def interpolate_orbit(tables: PreciseTables, satellite: int, t_ns: int, position: Floats, velocity: Floats) -> int:
-    """Earth-fixed position [m] and velocity [m/s] (3,) of a satellite id at a GPS time, in place; returns the status."""
+    """Earth-fixed position [m], velocity [m/s] (3,) of a satellite id at a GPS time, in place; returns the status."""
     column = tables.orbit_column[satellite]
     if column < 0:
         return 4

@@ -1,7 +1,7 @@
 """Satellites at the time of transmission, from whichever source: broadcast, broadcast with SSR, or precise products.
 
-The time of transmission of a signal is the time of reception on the receiver's own clock, less pseudorange / c, less the
-satellite's clock offset: the receiver's clock error cancels (IS-GPS-200, 20.3.3.3.3).
+The time of transmission of a signal is the time of reception on the receiver's own clock, less pseudorange / c, less
+the satellite's clock offset: the receiver's clock error cancels (IS-GPS-200, 20.3.3.3.3).
 """
 
 from enum import IntEnum
@@ -58,15 +58,15 @@ def _empty_states(n: int) -> SatelliteStates:
 
 @njit(cache=True)
 def _flight_ns(pseudorange_m: float, clock_s: float) -> int:
-    return np.int64(round((pseudorange_m / SPEED_OF_LIGHT_M_S + clock_s) * 1e9))
+    return round((pseudorange_m / SPEED_OF_LIGHT_M_S + clock_s) * 1e9)
 
 
 @njit(cache=True)
 def broadcast_at_transmission(rows: Floats, t_receive_clock_ns: int, pseudorange_m: Floats) -> SatelliteStates:
     """States (n) at transmission from broadcast ephemerides.
 
-    ``rows`` (n, N_COLUMNS) from :func:`plumbline.gnss.orbits_broadcast.pack`, ``t_receive_clock_ns`` the epoch's own time
-    tag, GPS ns, ``pseudorange_m`` (n,) any code of the satellite. Positions are Earth-fixed at transmission.
+    ``rows`` (n, N_COLUMNS) from :func:`plumbline.gnss.orbits_broadcast.pack`, ``t_receive_clock_ns`` the epoch's own
+    time tag, GPS ns, ``pseudorange_m`` (n,) any code of the satellite. Positions are Earth-fixed at transmission.
     """
     n = rows.shape[0]
     out = _empty_states(n)
@@ -90,8 +90,8 @@ def corrected_at_transmission(
 ) -> SatelliteStates:
     """States (n) at transmission from broadcast ephemerides with SSR; status 2 where a correction is missing.
 
-    ``corrections`` (n, N_SSR_COLUMNS) from :func:`plumbline.gnss.ssr_orbits.pack_correction`; the caller has matched issues
-    of data and ages. The rest as :func:`broadcast_at_transmission`.
+    ``corrections`` (n, N_SSR_COLUMNS) from :func:`plumbline.gnss.ssr_orbits.pack_correction`; the caller has matched
+    issues of data and ages. The rest as :func:`broadcast_at_transmission`.
     """
     out = broadcast_at_transmission(rows, t_receive_clock_ns, pseudorange_m)
     for i in range(rows.shape[0]):
@@ -113,7 +113,8 @@ def precise_at_transmission(
 ) -> SatelliteStates:
     """States (n) at transmission of satellite ids (n,) from precise orbits and clocks (centres of mass).
 
-    ``tables`` from :func:`plumbline.gnss.orbits_precise.build_tables`. The periodic relativistic term is added to the clock.
+    ``tables`` from :func:`plumbline.gnss.orbits_precise.build_tables`. The periodic relativistic term is added to the
+    clock.
     """
     n = satellite.shape[0]
     out = _empty_states(n)

@@ -1,9 +1,9 @@
 """State-space corrections applied to broadcast orbits and clocks (RTCM 10403.3, 3.5.12; IGS SSR 1.00, section 7).
 
-Orbit: e_along = v/|v|, e_cross = r × v/|r × v|, e_radial = e_along × e_cross with r and v of the broadcast ephemeris in the
-Earth-fixed frame; the correction, radial, along, cross, advanced by its rate, is *subtracted* from the broadcast position. Clock: the
-correction, a polynomial in metres, is divided by c and *added* to the satellite's clock offset. Rates apply from the
-reference time t0 + update interval / 2 (t0 itself for an interval of zero).
+Orbit: e_along = v/|v|, e_cross = r × v/|r × v|, e_radial = e_along × e_cross with r and v of the broadcast ephemeris in
+the Earth-fixed frame; the correction, radial, along, cross, advanced by its rate, is *subtracted* from the broadcast
+position. Clock: the correction, a polynomial in metres, is divided by c and *added* to the satellite's clock offset.
+Rates apply from the reference time t0 + update interval / 2 (t0 itself for an interval of zero).
 """
 
 import math
@@ -42,7 +42,7 @@ def no_correction() -> Floats:
 def pack_correction(
     orbit: SsrOrbit | None, orbit_index: int, clock: SsrClock | None, clock_index: int, high_rate_clock_m: float = 0.0
 ) -> Floats:
-    """Row (N_SSR_COLUMNS,) of one satellite: row ``orbit_index`` of an orbit message and ``clock_index`` of a clock message."""
+    """Row (N_SSR_COLUMNS,) of one satellite: row ``orbit_index`` of an orbit and ``clock_index`` of a clock message."""
     row = no_correction()
     row[HIGH_RATE_CLOCK] = high_rate_clock_m
     if orbit is not None:
@@ -79,7 +79,7 @@ def clock_correction_s(correction: Floats, t_ns: int) -> float:
     """Clock correction, s, *added* to the broadcast clock offset at the GPS time ``t_ns``."""
     dt = seconds_since(t_ns, correction[CLOCK_T_S], correction[CLOCK_T_NS])
     polynomial_m = correction[CLOCK] + (correction[CLOCK + 1] + correction[CLOCK + 2] * dt) * dt
-    return (polynomial_m + correction[HIGH_RATE_CLOCK]) / SPEED_OF_LIGHT_M_S
+    return float(polynomial_m + correction[HIGH_RATE_CLOCK]) / SPEED_OF_LIGHT_M_S
 
 
 @njit(cache=True)
