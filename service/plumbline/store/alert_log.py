@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Connection, Row, and_, insert, or_, select, update
-from sqlalchemy.dialects import postgresql, sqlite
 
 from plumbline.gps_time import gps_ns_from_unix_ns
 from plumbline.records import AlertEvent, AlertState, Severity
@@ -14,6 +13,7 @@ from plumbline.store.cursors import from_cursor, to_cursor
 from plumbline.store.rows import AlertNote, AlertRow, Page
 from plumbline.store.tables import alert_history
 from plumbline.store.tables import alerts as alert_table
+from plumbline.store.upsert import insert_new
 
 _C = alert_table.c
 
@@ -34,7 +34,7 @@ def apply(connection: Connection, events: Sequence[AlertEvent]) -> None:
             "t_active_gps_ns": event.t_gps_ns if event.state is AlertState.ACTIVE else event.t_onset_gps_ns,
             "acknowledged_by": "",
         }
-        _insert_new(connection, alert_table, row)
+        insert_new(connection, alert_table, row)
         mine = _C.alert_id == event.alert_id
         if event.state is AlertState.CLEARED:
             uncleared = and_(mine, _C.t_cleared_gps_ns.is_(None))
@@ -43,12 +43,7 @@ def apply(connection: Connection, events: Sequence[AlertEvent]) -> None:
             unseen = and_(mine, _C.t_acknowledged_gps_ns.is_(None))
             connection.execute(update(alert_table).where(unseen).values(t_acknowledged_gps_ns=event.t_gps_ns))
         note = AlertNote(event.t_gps_ns, event.state.value, "", event.text, float(event.value))
-        _insert_new(connection, alert_history, _note_row(event.alert_id, note))
-
-
-def _insert_new(connection: Connection, table: Any, row: dict[str, Any]) -> None:
-    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
-    connection.execute(dialect.insert(table).values(row).on_conflict_do_nothing())
+        insert_new(connection, alert_history, _note_row(event.alert_id, note))
 
 
 def _note_row(alert_id: str, note: AlertNote) -> dict[str, Any]:
@@ -134,7 +129,7 @@ def acknowledge(connection: Connection, alert_id: str, by: str, text: str) -> Al
     unseen = and_(_C.alert_id == alert_id, _C.t_acknowledged_gps_ns.is_(None))
     done = connection.execute(update(alert_table).where(unseen).values(t_acknowledged_gps_ns=now, acknowledged_by=by))
     if done.rowcount:
-        _insert_new(connection, alert_history, _note_row(alert_id, AlertNote(now, "acknowledged", by, text)))
+        insert_new(connection, alert_history, _note_row(alert_id, AlertNote(now, "acknowledged", by, text)))
     return alert(connection, alert_id)
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Connection, Row, delete, select, update
-from sqlalchemy.dialects import postgresql, sqlite
 
 from plumbline.config import StationSettings
 from plumbline.gps_time import gps_ns_from_unix_ns
@@ -15,7 +14,7 @@ from plumbline.records import Severity, StationStatus, Status, Threshold
 from plumbline.store import tables
 from plumbline.store.cursors import from_cursor, to_cursor
 from plumbline.store.rows import Checkpoint, Device, Page, StationRow
-from plumbline.store.upsert import upsert
+from plumbline.store.upsert import insert_new, upsert
 
 _S = tables.stations.c
 _T = tables.thresholds.c
@@ -24,12 +23,6 @@ _D = tables.devices.c
 
 def _now_gps_ns() -> int:
     return gps_ns_from_unix_ns(time.time_ns())
-
-
-def _insert_new(connection: Connection, table: Any, row: dict[str, Any]) -> bool:
-    """Insert a row unless its key is taken; returns whether it was."""
-    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
-    return bool(connection.execute(dialect.insert(table).values(row).on_conflict_do_nothing()).rowcount)
 
 
 # --------------------------------------------------------------------------------------------- stations
@@ -69,7 +62,7 @@ def create_station(connection: Connection, settings: StationSettings) -> Station
         "created_gps_ns": now,
         "changed_gps_ns": now,
     }
-    if not _insert_new(connection, tables.stations, row):
+    if not insert_new(connection, tables.stations, row):
         return None
     for table in (tables.checkpoints, tables.station_status):
         connection.execute(delete(table).where(table.c.station == settings.station))
@@ -158,7 +151,7 @@ def threshold(connection: Connection, threshold_id: str) -> Threshold | None:
 
 def create_threshold(connection: Connection, new: Threshold) -> bool:
     """Add a threshold unless its id is taken."""
-    return _insert_new(connection, tables.thresholds, _threshold_row(new))
+    return insert_new(connection, tables.thresholds, _threshold_row(new))
 
 
 def change_threshold(connection: Connection, changed: Threshold) -> bool:

@@ -1,4 +1,4 @@
-"""INSERT … ON CONFLICT DO UPDATE, as plain SQL on positional parameters: one form for both databases, and fast.
+"""INSERT … ON CONFLICT. The update is plain SQL on positional parameters: one form for both databases, and fast.
 
 SQLAlchemy's own executemany converts every row from a dictionary; a batch of tens of thousands of rows a second goes to
 the driver as tuples instead.
@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from sqlalchemy import Connection, Table
+from sqlalchemy.dialects import postgresql, sqlite
 
 
 def upsert(connection: Connection, table: Table, rows: Sequence[tuple[Any, ...]], newer_by: str | None = None) -> None:
@@ -18,6 +19,13 @@ def upsert(connection: Connection, table: Table, rows: Sequence[tuple[Any, ...]]
     """
     if rows:
         connection.exec_driver_sql(_statement(table, connection.dialect.paramstyle, newer_by), list(rows))
+
+
+def insert_new(connection: Connection, table: Table, row: dict[str, Any]) -> bool:
+    """Insert a row unless its key is taken; returns whether it was inserted."""
+    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
+    statement = dialect.insert(table).values(row).on_conflict_do_nothing().returning(*table.primary_key)
+    return connection.execute(statement).first() is not None
 
 
 @cache
