@@ -68,40 +68,35 @@ def request(source: NtripSource, gga: str | None = None) -> bytes:
 
 
 def parse_head(data: bytes) -> tuple[Response, bytes] | None:
-    """The head of an answer and what came behind it; None when more is needed. Raises StreamEnded for what is no answer.
+    """The head of an answer and what came behind it; None: more is needed. Raises StreamEnded for what is no answer.
 
     ``ICY 200 OK`` needs no empty line behind it; a source table means that there is no such mount point.
     """
     first, end, rest = data.partition(b"\r\n")
-    if not end:
-        if len(data) > MAX_HEAD_BYTES:
-            raise StreamEnded("not an NTRIP caster")
-        return None
     words = first.decode("latin-1").split(None, 2)
-    if words[:2] == ["ICY", "200"]:
+    if end and words[:2] == ["ICY", "200"]:
         return Response(200, "OK"), rest.removeprefix(b"\r\n")
-    if words[:1] == ["SOURCETABLE"]:
-        return Response(404, "no such mount point (the caster sent its table)"), b""
-    if words[:1] == ["ERROR"]:
-        bad_password = "password" in first.decode("latin-1").lower()
-        return Response(401 if bad_password else 404, first.decode("latin-1")), b""
-    if len(words) < 2 or not words[0].startswith("HTTP/") or not words[1].isdigit():
+    if end and words[:1] in (["SOURCETABLE"], ["ERROR"]):
+        status = 401 if "password" in words[-1].lower() else 404
+        return Response(status, first.decode("latin-1")), b""
+    if end and (len(words) < 2 or not words[0].startswith("HTTP/") or not words[1].isdigit()):
         raise StreamEnded(f"not an NTRIP answer: {first[:60]!r}")
     head, end, rest = data.partition(b"\r\n\r\n")
-    if not end:
-        if len(data) > MAX_HEAD_BYTES:
-            raise StreamEnded("answer's head too long")
-        return None
+    if not end and len(data) > MAX_HEAD_BYTES:
+        raise StreamEnded("not an NTRIP caster: its answer has no end")
+    return (_http_response(words, head), rest) if end else None
+
+
+def _http_response(words: list[str], head: bytes) -> Response:
+    """The answer of a version 2 caster, from the words of its first line and its whole head."""
     pairs = (line.partition(":") for line in head.decode("latin-1").split("\r\n")[1:])
     headers = {name.strip().lower(): value.strip() for name, _, value in pairs}
-    status = int(words[1])
+    status, reason = int(words[1]), words[2] if len(words) > 2 else ""
     if status == 200 and "sourcetable" in headers.get("content-type", "").lower():
-        return Response(404, "no such mount point (the caster sent its table)"), b""
+        return Response(404, "no such mount point (the caster sent its table)")
     retry = headers.get("retry-after", "")
     chunked = "chunked" in headers.get("transfer-encoding", "").lower()
-    return Response(
-        status, words[2] if len(words) > 2 else "", chunked, float(retry) if retry.isdigit() else None
-    ), rest
+    return Response(status, reason, chunked, float(retry) if retry.isdigit() else None)
 
 
 def gga_sentence(position_ecef_m: tuple[float, float, float], t_gps_ns: int) -> str:
