@@ -23,8 +23,8 @@ _L3: Final = 0.015
 _DEG: Final = math.pi / 180.0
 _DAYS_1975_TO_1980: Final = 1832  # from 1974-12-31 to 1980-01-06
 
-# IERS Conventions (2010), table 7.3a, as the Conventions' routine holds it: multiples of s, h, p, N', p_s beside tau, then radial
-# in-phase, radial out-of-phase, transverse in-phase, transverse out-of-phase, mm.
+# IERS Conventions (2010), table 7.3a, as the Conventions' routine holds it: multiples of s, h, p, N', p_s beside tau,
+# then radial in-phase, radial out-of-phase, transverse in-phase, transverse out-of-phase, mm.
 _DIURNAL: Final = np.array([
     [-3, 0, 2, 0, 0, -0.01, 0, 0, 0], [-3, 2, 0, 0, 0, -0.01, 0, 0, 0], [-2, 0, 1, -1, 0, -0.02, 0, 0, 0],
     [-2, 0, 1, 0, 0, -0.08, 0, -0.01, 0.01], [-2, 2, -1, 0, 0, -0.02, 0, 0, 0], [-1, 0, 0, -1, 0, -0.10, 0, 0, 0],
@@ -33,7 +33,8 @@ _DIURNAL: Final = np.array([
     [0, 2, -1, 0, 0, 0.01, 0, 0, 0], [1, -3, 0, 0, 1, -0.06, 0, 0, 0], [1, -2, 0, -1, 0, 0.01, 0, 0, 0],
     [1, -2, 0, 0, 0, -1.23, -0.07, 0.06, 0.01], [1, -1, 0, 0, -1, 0.02, 0, 0, 0], [1, -1, 0, 0, 1, 0.04, 0, 0, 0],
     [1, 0, 0, -1, 0, -0.22, 0.01, 0.01, 0], [1, 0, 0, 0, 0, 12.00, -0.80, -0.67, -0.03],
-    [1, 0, 0, 1, 0, 1.73, -0.12, -0.10, 0], [1, 0, 0, 2, 0, -0.04, 0, 0, 0], [1, 1, 0, 0, -1, -0.50, -0.01, 0.03, 0],
+    [1, 0, 0, 1, 0, 1.73, -0.12, -0.10, 0], [1, 0, 0, 2, 0, -0.04, 0, 0, 0],
+    [1, 1, 0, 0, -1, -0.50, -0.01, 0.03, 0],
     [1, 1, 0, 0, 1, 0.01, 0, 0, 0], [0, 1, 0, 1, -1, -0.01, 0, 0, 0], [1, 2, -2, 0, 0, -0.01, 0, 0, 0],
     [1, 2, 0, 0, 0, -0.11, 0.01, 0.01, 0], [2, -2, 1, 0, 0, -0.01, 0, 0, 0], [2, 0, -1, 0, 0, -0.02, 0, 0, 0],
 ])  # fmt: skip
@@ -48,7 +49,8 @@ _LONG_PERIOD: Final = np.array([
 # Ocean loading, in BLQ's order M2 S2 N2 K2 K1 O1 P1 Q1 Mf Mm Ssa: speed, rad/s, and multiples of h0, s0, p0, one turn
 # (E. W. Schwiderski's arguments, as the Conventions' ARG2 and the GPS analysis centres use them).
 _OCEAN: Final = np.array([
-    [1.40519e-4, 2, -2, 0, 0.00], [1.45444e-4, 0, 0, 0, 0.00], [1.37880e-4, 2, -3, 1, 0.00], [1.45842e-4, 2, 0, 0, 0.00],
+    [1.40519e-4, 2, -2, 0, 0.00], [1.45444e-4, 0, 0, 0, 0.00], [1.37880e-4, 2, -3, 1, 0.00],
+    [1.45842e-4, 2, 0, 0, 0.00],
     [0.72921e-4, 1, 0, 0, 0.25], [0.67598e-4, 1, -2, 0, -0.25], [0.72523e-4, -1, 0, 0, -0.25],
     [0.64959e-4, 1, -3, 1, -0.25], [0.053234e-4, 0, 2, 0, 0.00], [0.026392e-4, 0, 1, -1, 0.00],
     [0.003982e-4, 2, 0, 0, 0.00],
@@ -82,7 +84,7 @@ def _elastic(station: Floats, body: Floats, mass_ratio: float, out: Floats) -> N
 
 @njit(cache=True)
 def _anelastic_and_l1(station: Floats, body: Floats, mass_ratio: float) -> tuple[float, float, float]:
-    """East, north, up by out-of-phase Love numbers and the latitude term of l: eqs 7.8–7.11, diurnal and semi-diurnal."""
+    """East, north, up by out-of-phase Love numbers and l's latitude term: eqs 7.8–7.11, both bands."""
     sp, cp, sl, cl = _place(station)
     distance = math.sqrt(np.dot(body, body))
     x, y, z = body[0] / distance, body[1] / distance, body[2] / distance
@@ -102,7 +104,7 @@ def _anelastic_and_l1(station: Floats, body: Floats, mass_ratio: float) -> tuple
 
 @njit(cache=True)
 def _fundamental_deg(t: float) -> Floats:
-    """s, h, p, N', p_s, degrees (5,), of date, at Julian centuries of TT since J2000: IERS Conventions (2010), 7.1.1.2."""
+    """s, h, p, N', p_s, degrees (5,), of date, at Julian centuries of TT since J2000 (7.1.1.2)."""
     s = 218.31664563 + (481267.88194 + (-0.0014663889 + 0.00000185139 * t) * t) * t
     s += (1.396971278 + (0.000308889 + (0.000000021 + 0.000000007 * t) * t) * t) * t
     out = np.empty(5)

@@ -4,14 +4,27 @@ import math
 
 import numpy as np
 
-from plumbline.gnss.antenna import empty_antenna_book from plumbline.gnss.earth_frames import azimuth_elevation,
-ecef_from_geodetic, geodetic_from_ecef, rotation_enu_from_ecef from plumbline.gnss.line_of_sight import
-line_of_sight_model from plumbline.gnss.orbits_broadcast import GLONASS, GM, KEPLER, KIND, N_COLUMNS, SQRT_A, STATE,
-broadcast_states from plumbline.gnss.orbits_precise import N_NODES, build_tables from plumbline.gnss.satellite_states
-import ( broadcast_at_transmission, corrected_at_transmission, precise_at_transmission, precise_states, ) from
-plumbline.gnss.ssr_orbits import N_SSR_COLUMNS from plumbline.gnss.sun_moon import sun_moon_ecef from
-plumbline.gnss.tides import ocean_loading_enu_m, solid_earth_tide_ecef_m from plumbline.gnss.troposphere import
-troposphere_site from plumbline.records import Floats, PreciseClocks, PreciseOrbits
+from plumbline.gnss.antenna import empty_antenna_book
+from plumbline.gnss.earth_frames import (
+    azimuth_elevation,
+    ecef_from_geodetic,
+    geodetic_from_ecef,
+    rotation_enu_from_ecef,
+)
+from plumbline.gnss.line_of_sight import line_of_sight_model
+from plumbline.gnss.orbits_broadcast import GLONASS, GM, KEPLER, KIND, N_COLUMNS, SQRT_A, STATE, broadcast_states
+from plumbline.gnss.orbits_precise import N_NODES, build_tables
+from plumbline.gnss.satellite_states import (
+    broadcast_at_transmission,
+    corrected_at_transmission,
+    precise_at_transmission,
+    precise_states,
+)
+from plumbline.gnss.ssr_orbits import N_SSR_COLUMNS
+from plumbline.gnss.sun_moon import sun_moon_ecef
+from plumbline.gnss.tides import ocean_loading_enu_m, solid_earth_tide_ecef_m
+from plumbline.gnss.troposphere import troposphere_site
+from plumbline.records import Floats, PreciseClocks, PreciseOrbits
 
 _T_NS = 1_277_000_000 * 1_000_000_000
 
