@@ -1,0 +1,142 @@
+"""SSR corrections from precise products: precise minus broadcast, such that applying them gives the products back.
+
+The corrections refer to the broadcast sets as RTCM carries them (encoded and decoded once, so that both sides compute
+with the same bits) and are linear in time over an update interval, from a reference time in its middle. Their reference
+point is that of the orbits given: centres of mass as SP3 has them, or antenna phase centres when offsets are given.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from plumbline.constants import SPEED_OF_LIGHT_M_S
+from plumbline.gnss.orbits_broadcast import broadcast_states, pack
+from plumbline.gnss.orbits_precise import PreciseTables
+from plumbline.gnss.satellite_states import precise_states
+from plumbline.gnss.ssr_orbits import rotation_ecef_from_rac
+from plumbline.gps_time import NS_PER_S
+from plumbline.records import Ephemeris, Floats, GlonassEphemeris, Ints, SsrClock, SsrCodeBias, SsrHeader, SsrOrbit
+from plumbline.signals import System, satellite_id, signal_id, system_of
+
+#: Signals that analysis centres' clocks refer to: sent with a bias of zero (as `positioning.precise_source` has it).
+REFERENCE_SIGNALS: Final[dict[System, tuple[str, ...]]] = {
+    System.GPS: ("1W", "2W"),
+    System.GLONASS: ("1P", "2P"),
+    System.GALILEO: ("1C", "5Q", "1X", "5X"),
+    System.BEIDOU: ("2I", "6I"),
+    System.QZSS: ("1C", "2L"),
+}
+_MAX_RADIAL_M, _MAX_OTHER_M, _MAX_CLOCK_M = 209.7, 209.7, 209.7  # what DF365–DF367 and DF376 hold
+_AGE_NS: Final = 7200 * NS_PER_S
+_OLDEST_NS: Final = 4 * 3600 * NS_PER_S
+
+#: Offsets of antenna phase centres from centres of mass, Earth-fixed metres (n, 3): satellite ids, GPS time, positions
+#: (n, 3) and velocities (n, 3).
+OffsetOf = Callable[[Ints, int, Floats, Floats], Floats]
+
+
+class EphemerisShelf:
+    """Which broadcast set a correction service would use: the newest on the air, per satellite."""
+
+    def __init__(self, ephemerides: Iterable[Ephemeris]) -> None:
+        self._by_satellite: dict[int, list[Ephemeris]] = {}
+        for ephemeris in sorted(ephemerides, key=lambda e: (e.t_receive_ns, e.toe_gps_ns)):
+            self._by_satellite.setdefault(ephemeris.satellite, []).append(ephemeris)
+
+    def satellites(self) -> list[int]:
+        """Satellite ids, ascending."""
+        return sorted(self._by_satellite)
+
+    def current(self, satellite: int, t_gps_ns: int) -> Ephemeris | None:
+        """The last set transmitted by then; where that is none or older than two hours, the next if it is near."""
+        past: Ephemeris | None = None
+        coming: Ephemeris | None = None
+        for ephemeris in self._by_satellite.get(satellite, ()):
+            if ephemeris.t_receive_ns <= t_gps_ns:
+                past = ephemeris
+            else:
+                coming = ephemeris
+                break
+        if past is not None and t_gps_ns - past.toe_gps_ns <= _AGE_NS:
+            return past
+        if coming is not None and coming.toe_gps_ns - t_gps_ns <= _AGE_NS:
+            return coming
+        return past if past is not None and t_gps_ns - past.toe_gps_ns <= _OLDEST_NS else None
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Orbit and clock corrections of one system at one time, for the same satellites."""
+
+    orbit: SsrOrbit
+    clock: SsrClock
+
+
+def corrections_at(
+    tables: PreciseTables,
+    ephemerides: Mapping[int, Ephemeris],
+    header: SsrHeader,
+    offset_of: OffsetOf | None = None,
+) -> Correction:
+    """Corrections of one system's satellites over ``header``'s interval; satellites without products are left out."""
+    satellites = np.array(sorted(ephemerides), np.int16)
+    rows = np.array([pack(ephemerides[int(satellite)]) for satellite in satellites])
+    span_ns = max(round(header.update_interval_s * NS_PER_S), NS_PER_S)
+    first = _difference(tables, satellites, rows, header.t_gps_ns, offset_of)
+    last = _difference(tables, satellites, rows, header.t_gps_ns + span_ns, offset_of)
+    rate = (last - first) / (span_ns / NS_PER_S)
+    rate[np.isnan(rate)] = 0.0  # the last node of the products: constant from here on
+    reference = first + rate * (0.5 * header.update_interval_s)
+    limits = (_MAX_RADIAL_M, _MAX_OTHER_M, _MAX_OTHER_M, _MAX_CLOCK_M)
+    keep = (np.abs(reference) < limits).all(axis=1)  # False where NaN
+    issue = np.array([_issue(ephemerides[int(satellite)]) for satellite in satellites[keep]], np.int64)
+    clock = np.column_stack([reference[keep, 3], rate[keep, 3], np.zeros(keep.sum())])
+    return Correction(
+        SsrOrbit(header, satellites[keep], issue, reference[keep, :3], rate[keep, :3]),
+        SsrClock(header, satellites[keep], clock),
+    )
+
+
+def _difference(
+    tables: PreciseTables, satellites: Ints, rows: Floats, t_gps_ns: int, offset_of: OffsetOf | None
+) -> Floats:
+    """Broadcast minus precise orbit in radial, along, cross and precise minus broadcast clock, m: (n, 4)."""
+    times = np.full(len(satellites), t_gps_ns, np.int64)
+    precise = precise_states(tables, satellites, times)
+    broadcast = broadcast_states(rows, times)
+    position = precise.position_ecef_m
+    if offset_of is not None:
+        position = position + offset_of(satellites, t_gps_ns, position, precise.velocity_ecef_m_s)
+    out = np.full((len(satellites), 4), np.nan)
+    for k in range(len(satellites)):
+        rotation = rotation_ecef_from_rac(broadcast.position_ecef_m[k], broadcast.velocity_ecef_m_s[k])
+        out[k, :3] = rotation.T @ (broadcast.position_ecef_m[k] - position[k])
+    out[:, 3] = (precise.clock_s - broadcast.clock_s) * SPEED_OF_LIGHT_M_S
+    return out
+
+
+def _issue(ephemeris: Ephemeris) -> int:
+    """The issue that a correction names its broadcast set by, within its system's rule."""
+    if isinstance(ephemeris, GlonassEphemeris) or system_of(ephemeris.satellite) is not System.BEIDOU:
+        return ephemeris.issue
+    return ephemeris.issue
+
+
+def zero_code_biases(header: SsrHeader, satellites: Iterable[int]) -> SsrCodeBias:
+    """Biases of zero for the signals that the clocks refer to."""
+    pairs = [
+        (satellite, signal)
+        for satellite in satellites
+        for code in REFERENCE_SIGNALS.get(system_of(satellite), ())
+        if (signal := signal_id(system_of(satellite), code)) is not None
+    ]
+    ids = np.array(pairs, np.int16).reshape(-1, 2)
+    return SsrCodeBias(header, ids[:, 0].copy(), ids[:, 1].copy(), np.zeros(len(pairs)))
+
+
+def of_system(system: System, satellites: Iterable[int]) -> list[int]:
+    """Those of a system, ascending."""
+    first = satellite_id(system, 1)
+    return sorted(satellite for satellite in satellites if first <= satellite < first + 64)
