@@ -61,6 +61,7 @@ KEPLER: Final = 1.0
 KEPLER_GEO: Final = 2.0
 GLONASS: Final = 3.0
 
+MAX_INTEGRATION_S: Final = 21_600.0  # GLONASS: kilometres wrong by then, and the time an epoch may take is bounded
 _WEEK_S: Final = 604_800
 _BEIDOU_TOE_SHIFT_S: Final = 14  # BDT − GPST in the node's reference: its longitude counts from the BDT week's start
 _GEO_TILT_RAD: Final = math.radians(-5.0)
@@ -137,7 +138,6 @@ def _pack_kepler(e: KeplerEphemeris) -> Floats:
 def seconds_since(t_ns: int, whole_s: float, rest_ns: float) -> float:
     """``t_ns`` minus the split time, s, without loss of precision."""
     elapsed_ns: int = t_ns - (int(whole_s) * _NS + int(rest_ns))
-    elapsed_ns: int = t_ns - (int(whole_s) * _NS + int(rest_ns))
     return elapsed_ns * 1e-9
 
 
@@ -145,7 +145,7 @@ def seconds_since(t_ns: int, whole_s: float, rest_ns: float) -> float:
 def broadcast_clock_s(row: Floats, t_ns: int) -> float:
     """Satellite clock offset (3-term polynomial), s, without the relativistic term, at the GPS time ``t_ns``."""
     dt = seconds_since(t_ns, row[TOC_S], row[TOC_NS])
-    return row[AF0] + (row[AF1] + row[AF2] * dt) * dt
+    return float(row[AF0] + (row[AF1] + row[AF2] * dt) * dt)
 
 
 @njit(cache=True)
@@ -241,18 +241,28 @@ def broadcast_state(row: Floats, t_ns: int, position: Floats, velocity: Floats) 
 
 
 @njit(cache=True)
+def row_status(row: Floats, t_ns: int) -> int:
+    """0: usable; 1: no ephemeris; 11: a GLONASS state vector more than ``MAX_INTEGRATION_S`` away."""
+    if row[KIND] == NONE:
+        return 1
+    if row[KIND] == GLONASS and abs(seconds_since(t_ns, row[TOE_S], row[TOE_NS])) > MAX_INTEGRATION_S:
+        return 11
+    return 0
+
+
+@njit(cache=True)
 def broadcast_states(rows: Floats, t_gps_ns: Ints) -> SatelliteStates:
     """Satellites of packed ephemerides (n, N_COLUMNS) at GPS times (n,) int64 ns: see :class:`SatelliteStates`.
 
-    Rows of kind NONE give NaN and status 1. GLONASS has no separate relativistic term: its message has it inside.
+    Rows of kind NONE give NaN and status 1, GLONASS states too far to integrate 11. GLONASS has no separate relativistic term: its message has it inside.
     """
     n = rows.shape[0]
     position, velocity = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     clock, rate, relativity = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     status = np.zeros(n, np.int64)
     for i in range(n):
-        if rows[i, KIND] == NONE:
-            status[i] = 1
+        status[i] = row_status(rows[i], t_gps_ns[i])
+        if status[i] != 0:
             continue
         clock[i], rate[i], relativity[i] = broadcast_state(rows[i], t_gps_ns[i], position[i], velocity[i])
     return SatelliteStates(position, velocity, clock, rate, relativity, status)

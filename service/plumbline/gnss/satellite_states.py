@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from plumbline.constants import SPEED_OF_LIGHT_M_S
-from plumbline.gnss.orbits_broadcast import KIND, NONE, SatelliteStates, broadcast_clock_s, broadcast_state
+from plumbline.gnss.orbits_broadcast import SatelliteStates, broadcast_clock_s, broadcast_state, row_status
 from plumbline.gnss.orbits_precise import PreciseTables, interpolate_clock, interpolate_orbit
 from plumbline.gnss.relativity import periodic_clock_s
 from plumbline.gnss.ssr_orbits import clock_correction_s, correct_orbit, has_orbit_and_clock
@@ -32,6 +32,7 @@ class StateStatus(IntEnum):
     CLOCK_OUTSIDE = 8
     CLOCK_GAP = 9
     CLOCK_JUMP = 10  # the clock jumped between the two nodes
+    EPHEMERIS_TOO_OLD = 11  # GLONASS: hours away from its state vector
 
 
 STATE_TEXT: Final[dict[int, str]] = {
@@ -46,6 +47,7 @@ STATE_TEXT: Final[dict[int, str]] = {
     StateStatus.CLOCK_OUTSIDE: "time outside the precise clocks",
     StateStatus.CLOCK_GAP: "gap in the precise clocks",
     StateStatus.CLOCK_JUMP: "jump of the precise clock",
+    StateStatus.EPHEMERIS_TOO_OLD: "ephemeris too old to integrate",
 }
 
 
@@ -71,9 +73,10 @@ def broadcast_at_transmission(rows: Floats, t_receive_clock_ns: int, pseudorange
     n = rows.shape[0]
     out = _empty_states(n)
     for i in range(n):
-        if rows[i, KIND] == NONE:
-            out.status[i] = 1
-        elif not pseudorange_m[i] > 0.0:
+        out.status[i] = row_status(rows[i], t_receive_clock_ns)
+        if out.status[i] != 0:
+            continue
+        if not pseudorange_m[i] > 0.0:
             out.status[i] = 3
         else:
             t_ns = t_receive_clock_ns - _flight_ns(pseudorange_m[i], 0.0)

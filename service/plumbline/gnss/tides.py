@@ -39,7 +39,7 @@ _DIURNAL: Final = np.array([
     [1, 2, 0, 0, 0, -0.11, 0.01, 0.01, 0], [2, -2, 1, 0, 0, -0.01, 0, 0, 0], [2, 0, -1, 0, 0, -0.02, 0, 0, 0],
 ])  # fmt: skip
 
-# Table 7.3b (long period): the same multiples, then radial in-phase, transverse in-phase, radial out, transverse out, mm.
+# Table 7.3b (long period): the same multiples, then radial and transverse in-phase, radial and transverse out, mm.
 _LONG_PERIOD: Final = np.array([
     [0, 0, 0, 1, 0, 0.47, 0.23, 0.16, 0.07], [0, 2, 0, 0, 0, -0.20, -0.12, -0.11, -0.05],
     [1, 0, -1, 0, 0, -0.11, -0.08, -0.09, -0.04], [2, 0, 0, 0, 0, -0.13, -0.11, -0.15, -0.07],

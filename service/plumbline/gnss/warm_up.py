@@ -12,7 +12,7 @@ from plumbline.gnss.earth_frames import (
     rotation_enu_from_ecef,
 )
 from plumbline.gnss.line_of_sight import line_of_sight_model
-from plumbline.gnss.orbits_broadcast import GLONASS, GM, KEPLER, KIND, N_COLUMNS, SQRT_A, STATE, broadcast_states
+from plumbline.gnss.orbits_broadcast import GLONASS, GM, KEPLER, KIND, N_COLUMNS, SQRT_A, STATE, TOE_S, broadcast_states
 from plumbline.gnss.orbits_precise import N_NODES, build_tables
 from plumbline.gnss.satellite_states import (
     broadcast_at_transmission,
@@ -32,6 +32,7 @@ _T_NS = 1_277_000_000 * 1_000_000_000
 def _rows() -> Floats:
     rows = np.zeros((2, N_COLUMNS))
     rows[:, KIND] = KEPLER, GLONASS
+    rows[:, TOE_S] = _T_NS // 1_000_000_000
     rows[0, SQRT_A], rows[0, GM] = 5153.7, 3.986005e14
     rows[1, STATE : STATE + 6] = 2.55e7, 0.0, 0.0, 0.0, 3000.0, 0.0
     return rows
