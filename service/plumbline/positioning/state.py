@@ -39,7 +39,9 @@ ARC_DTYPE: Final = np.dtype(
         ("wide_lane_cycles", np.float64),  # mean of Melbourne-Wübbena over the arc
         ("wide_lane_count", np.int64),
         ("phase_minus_code_m", np.float64),  # ionosphere-free, at t_last
-        ("wind_up_cycles", np.float64),  # continuous over the arc
+        ("wind_up_cycles", np.float64),  # continuous over the arc; NaN before the first
+        ("code_weight_m2", np.float64),  # Σ 1/σ² of the codes used so far, without their constant bias, 1/m²
+        ("refused", np.int64),  # epochs in a row in which quality control refused the phase
     ],
     align=True,
 )

@@ -1,0 +1,228 @@
+"""Real-time PPP, one epoch at a time: ``step(state, epoch, source, settings, facts) -> (state, solution)``.
+
+Every epoch gives a solution record: a precise position, a single-point one while the precise one is not possible, or a
+status; and a reason wherever something that was asked for is missing. Nothing is remembered outside the state.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from plumbline.config import PositioningSettings
+from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET
+from plumbline.positioning import ppp_filter
+from plumbline.positioning.cycle_slip import code_only_clock_jump_m, update_arcs
+from plumbline.positioning.facts import StationFacts
+from plumbline.positioning.gather import Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
+from plumbline.positioning.ppp_model import keep_wind_up
+from plumbline.positioning.ppp_noise import Tuning, tuning_of, variances
+from plumbline.positioning.reasons import missing_systems, too_few
+from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
+from plumbline.positioning.solutions import letters_of, no_position, point_solution, precise_solution, rotation_at
+from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, PppState, Records, no_arcs
+from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
+
+_NS: Final = 1_000_000_000
+_MIN_SATELLITES: Final = 4  # and one more for every system beyond the first
+_START_SIGMA_M: Final = 30.0
+_ZENITH_WET_SIGMA_M: Final = 0.1
+_GRADIENT_SIGMA_M: Final = 0.001
+_LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
+_REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
+_REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
+
+
+@dataclass(frozen=True, slots=True)
+class EpochQuality:
+    """What an update's test saw, for quality control: one row an observation."""
+
+    kind: Ints  # (m,) 2·pair for a code, 2·pair + 1 for a phase
+    pairs: Records  # (n,) the pairs meant
+    used: Booleans  # (m,)
+    whitened: Floats  # (used,) innovations of unit covariance
+    nis: float  # their sum of squares: chi-square of as many degrees of freedom
+    design: Floats  # (m, states)
+    innovation_m: Floats  # (m,)
+    variance_m2: Floats  # (m,)
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """An epoch with its satellites."""
+
+    epoch: Epoch
+    pairs: Records
+    states: SatelliteStates
+    settings: PositioningSettings
+    facts: StationFacts
+    tuning: Tuning
+    missing: str
+
+
+def step(
+    state: PppState, epoch: Epoch, source: SatelliteSource, settings: PositioningSettings, facts: StationFacts
+) -> tuple[PppState, Solution]:
+    """Process one epoch. Epochs not newer than the last one processed change nothing and say so."""
+    state, solution, _ = step_with_quality(state, epoch, source, settings, facts)
+    return state, solution
+
+
+def step_with_quality(
+    state: PppState, epoch: Epoch, source: SatelliteSource, settings: PositioningSettings, facts: StationFacts
+) -> tuple[PppState, Solution, EpochQuality | None]:
+    """As :func:`step`, with what the test of the observations saw (None where the filter was not updated)."""
+    if state.t_gps_ns is not None and epoch.t_gps_ns <= state.t_gps_ns:
+        return state, no_position(epoch, facts, Status.REJECTED, "epoch is not newer than the one before"), None
+    epoch = select_rows(epoch, settings.systems)
+    if epoch.satellite.size == 0:
+        return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no observations of the systems wanted"), None
+    pairs = pairs_of(epoch, source, state.arcs, precise=True)
+    if pairs.size == 0:
+        return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no usable pseudoranges"), None
+    states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
+    missing = missing_systems(settings.systems, pairs, states)
+    inputs = _Inputs(epoch, pairs, states, settings, facts, tuning_of(settings), missing)
+    if not _enough(pairs[(states.cause == Cause.USABLE) & (pairs["frequency_2_hz"] > 0.0)]):
+        return state, _fall_back(state, inputs, source), None
+    if state.t_gps_ns is None:
+        return _start(state, inputs, source)
+    return _continue(state, inputs, source)
+
+
+def _enough(pairs: Records) -> bool:
+    return bool(pairs.size >= _MIN_SATELLITES - 1 + np.unique(pairs["system"]).size)
+
+
+def _fall_back(state: PppState, inputs: _Inputs, source: SatelliteSource) -> Solution:
+    """A single-point position where the precise one is impossible, or the status that says what lacks."""
+    epoch, facts = inputs.epoch, inputs.facts
+    usable = int((inputs.states.cause == Cause.USABLE).sum())
+    needed = _MIN_SATELLITES
+    why = inputs.missing or too_few(usable, needed, "")
+    pairs = pairs_of(epoch, source, state.arcs, precise=False)
+    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
+    start = state.x[POSITION] if state.t_gps_ns is not None else None
+    point = point_of(pairs, states, start)
+    if point is not None:
+        reference = facts.reference_position_ecef_m or state.reference_position_ecef_m
+        return point_solution(epoch, facts, reference, point, letters_of(pairs["system"][point.used]), why)
+    n = int((states.cause == Cause.USABLE).sum())
+    if n == 0:
+        status = Status.NO_EPHEMERIS if (states.cause == Cause.NO_EPHEMERIS).any() else Status.NO_CORRECTIONS
+        return no_position(epoch, facts, status, missing_systems(inputs.settings.systems, pairs, states) or why)
+    if n < needed:
+        return no_position(epoch, facts, Status.TOO_FEW_SATELLITES, too_few(n, needed, why), n)
+    return no_position(epoch, facts, Status.REJECTED, "the codes contradict each other; " + why, n)
+
+
+def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, state: PppState) -> PppState:
+    """A filter at a position that is good to some metres, everything else not known yet."""
+    x, p = np.zeros(N_CORE), np.zeros((N_CORE, N_CORE))
+    x[POSITION] = position_ecef_m - rotation_at(position_ecef_m).T @ np.array(facts.antenna_offset_enu_m)
+    x[ZENITH_DELAY] = zenith_wet_m
+    np.fill_diagonal(p[POSITION, POSITION], _START_SIGMA_M**2)
+    p[ZENITH_DELAY, ZENITH_DELAY] = _ZENITH_WET_SIGMA_M**2
+    np.fill_diagonal(p[GRADIENTS, GRADIENTS], _GRADIENT_SIGMA_M**2)
+    return replace(
+        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, rejected_in_a_row=0, t_converged_gps_ns=None
+    )  # fmt: skip
+
+
+def _start(
+    state: PppState, inputs: _Inputs, source: SatelliteSource
+) -> tuple[PppState, Solution, EpochQuality | None]:
+    """Begin the filter from a single-point position of the precise satellites."""
+    point = point_of(inputs.pairs, inputs.states, None)
+    if point is None:
+        return replace(state, t_gps_ns=None), _fall_back(state, inputs, source), None
+    site = site_of(point.position_ecef_m, inputs.facts, inputs.epoch.t_gps_ns)
+    begun = _begun(point.position_ecef_m, inputs.facts, float(site.troposphere[ZENITH_WET]), state)
+    return _filter(begun, inputs, source, dt_s=0.0)
+
+
+def _continue(
+    state: PppState, inputs: _Inputs, source: SatelliteSource
+) -> tuple[PppState, Solution, EpochQuality | None]:
+    assert state.t_gps_ns is not None
+    if state.rejected_in_a_row >= _REJECTED_LIMIT:
+        return _start(replace(state, t_gps_ns=None), inputs, source)
+    return _filter(state, inputs, source, dt_s=(inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS)
+
+
+def _filter(
+    state: PppState, inputs: _Inputs, source: SatelliteSource, dt_s: float
+) -> tuple[PppState, Solution, EpochQuality | None]:
+    """Predict, test, update."""
+    epoch, pairs, tuning = inputs.epoch, inputs.pairs, inputs.tuning
+    site = site_of(state.x[POSITION], inputs.facts, epoch.t_gps_ns)
+    rows = model_of(pairs, inputs.states, site, inputs.facts, state.arcs, mask_rad_of(inputs.settings))
+    if not _enough(pairs[rows["usable"]]):
+        return state, _fall_back(state, inputs, source), None
+    jump_m = state.phase_jump_m + code_only_clock_jump_m(pairs, state.arcs, state.phase_jump_m)
+    max_gap_ns = int(inputs.settings.max_gap_s * _NS)
+    arcs, previous, arc_of_pair = update_arcs(state.arcs, pairs, rows["sine"], epoch.t_gps_ns, max_gap_ns, jump_m)
+    previous[arcs["refused"] >= _REFUSED_LIMIT] = -1
+    arcs["estimated"][previous < 0] = False
+    arcs["refused"][previous < 0] = 0
+    arcs["code_weight_m2"][previous < 0] = 0.0
+    pairs["phase_m"] += jump_m
+    keep_wind_up(rows, arcs, arc_of_pair)
+    x, p = ppp_filter.carry_over(state.x, state.p, previous)
+    if dt_s > 0.0:
+        ppp_filter.predict_state(p, arcs, dt_s, tuning)
+    if ppp_filter.foretell_clocks(x, p, rows, pairs) > _LOST_M and dt_s > 0.0:
+        return _start(replace(state, t_gps_ns=None), inputs, source)
+    ppp_filter.begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
+    code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, tuning)
+    h, v, r, kind = ppp_filter.observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
+    used, whitened, nis, agrees = ppp_filter.update(x, p, h, v, r, max(2, kind.size // 6))
+    quality = EpochQuality(kind, pairs, used, whitened, nis, h, v, r)
+    if not agrees:
+        rejected = replace(state, rejected_in_a_row=state.rejected_in_a_row + 1)
+        reason = f"{int((~used).sum())} and more of {kind.size} observations contradict the others"
+        return rejected, no_position(epoch, inputs.facts, Status.REJECTED, reason, int(rows["usable"].sum())), quality
+    ppp_filter.book_keep(kind, used, arcs, arc_of_pair, added)
+    state = replace(
+        state, t_gps_ns=epoch.t_gps_ns, x=x, p=p, arcs=arcs, phase_jump_m=jump_m, rejected_in_a_row=0
+    )  # fmt: skip
+    return _finish(state, inputs, site, rows, quality, int((previous < 0).sum()))
+
+
+def _finish(
+    state: PppState, inputs: _Inputs, site: Site, rows: Records, quality: EpochQuality, new_ambiguities: int
+) -> tuple[PppState, Solution, EpochQuality]:
+    """The solution of an updated filter, and what the state remembers of it."""
+    epoch, facts = inputs.epoch, inputs.facts
+    sigma_m = float(np.sqrt(np.trace(state.p[POSITION, POSITION])))
+    converged = sigma_m <= inputs.settings.converged_sigma_m
+    if converged and state.t_converged_gps_ns is None:
+        reference = state.reference_position_ecef_m or tuple(float(v) for v in state.x[POSITION])
+        state = replace(state, t_converged_gps_ns=epoch.t_gps_ns, reference_position_ecef_m=reference)
+    seen = np.unique(quality.kind[quality.used] // 2)
+    ages = inputs.states.age_s[seen]
+    age_s = float(np.nanmax(ages)) if np.isfinite(ages).any() else None
+    extras = {
+        "nis": quality.nis,
+        "degrees_of_freedom": float(quality.whitened.size),
+        "rejected_observations": float((~quality.used).sum()),
+        "new_ambiguities": float(new_ambiguities),
+    }
+    solution = precise_solution(
+        epoch, facts, state, Status.PPP_FLOAT if converged else Status.CONVERGING, inputs.missing, int(seen.size),
+        letters_of(inputs.pairs["system"][seen]), float(site.troposphere[ZENITH_HYDROSTATIC]), age_s,
+        _pdop(rows[seen], inputs.pairs["system"][seen]), extras,
+    )  # fmt: skip
+    return state, solution, quality
+
+
+def _pdop(rows: Records, system: Ints) -> float | None:
+    """Position dilution of precision of the satellites used, one clock a system."""
+    design = np.concatenate([-rows["line"], (system[:, None] == np.unique(system)[None, :]).astype(float)], axis=1)
+    normal = design.T @ design
+    if np.linalg.cond(normal) > 1e12:
+        return None
+    return float(np.sqrt(np.trace(np.linalg.inv(normal)[:3, :3])))
+
+
+__all__ = ["CLOCKS", "EpochQuality", "step", "step_with_quality"]

@@ -1,0 +1,228 @@
+"""The position filter: prediction, the test of an epoch's observations, and the update.
+
+Observation rows are ordered pair by pair, code before phase. Positions are corrected in Earth-fixed metres; all systems'
+clocks move together with the receiver's (white noise, foretold by the codes) and slowly against each other.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from plumbline.estimation.kalman import (
+    cholesky_lower,
+    innovation_covariance,
+    lower_inverse,
+    update_sequential,
+    w_statistics,
+    whiten,
+)
+from plumbline.positioning.ppp_noise import Tuning
+from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, Records
+from plumbline.records import Booleans, Floats, Ints
+
+_CLOCK: Final = CLOCKS.start
+_N_CLOCKS: Final = CLOCKS.stop - CLOCKS.start
+_NORTH: Final = GRADIENTS.start
+_EAST: Final = GRADIENTS.start + 1
+_AMBIGUITY_SIGMA_M: Final = 60.0
+_NEW_CLOCK_SIGMA_M: Final = 30.0
+_POSITION_AXES: Final = POSITION.stop
+W_LIMIT: Final = 4.0
+
+
+@njit(cache=True)
+def carry_over(x: Floats, p: Floats, previous: Ints) -> tuple[Floats, Floats]:
+    """State and covariance for the new arcs: core states as they are, ambiguities from ``previous`` (−1: zero)."""
+    n = N_CORE + previous.size
+    source = np.empty(n, np.int64)
+    for i in range(n):
+        source[i] = i if i < N_CORE else (N_CORE + previous[i - N_CORE] if previous[i - N_CORE] >= 0 else -1)
+    out_x, out_p = np.zeros(n), np.zeros((n, n))
+    for i in range(n):
+        if source[i] >= 0:
+            out_x[i] = x[source[i]]
+            for j in range(n):
+                if source[j] >= 0:
+                    out_p[i, j] = p[source[i], source[j]]
+    return out_x, out_p
+
+
+@njit(cache=True)
+def predict_state(p: Floats, arcs: Records, dt_s: float, tuning: Tuning) -> None:
+    """Add the process noise of ``dt_s`` to ``p``, in place; states not in use stay at zero."""
+    for i in range(_POSITION_AXES):
+        p[i, i] += tuning.position_m_sqrt_s**2 * dt_s + tuning.position_jump_m**2
+    p[ZENITH_DELAY, ZENITH_DELAY] += tuning.zenith_delay_m_sqrt_s**2 * dt_s
+    for i in (_NORTH, _EAST):
+        p[i, i] += tuning.gradient_m_sqrt_s**2 * dt_s
+    for i in range(_CLOCK, _CLOCK + _N_CLOCKS):
+        if p[i, i] > 0.0:
+            p[i, i] += tuning.system_clock_m_sqrt_s**2 * dt_s
+            for j in range(_CLOCK, _CLOCK + _N_CLOCKS):
+                if p[j, j] > 0.0:
+                    p[i, j] += tuning.common_clock_m**2
+    for k in range(arcs.size):
+        if arcs[k].estimated:
+            p[N_CORE + k, N_CORE + k] += tuning.ambiguity_m_sqrt_s**2 * dt_s
+
+
+@njit(cache=True)
+def _reduced(row, x: Floats) -> float:  # type: ignore[no-untyped-def]
+    """Prediction without receiver clock, wind-up and ambiguity."""
+    troposphere = row.wet * x[ZENITH_DELAY] + row.gradient_north * x[_NORTH] + row.gradient_east * x[_EAST]
+    return row.predicted_m + troposphere
+
+
+@njit(cache=True)
+def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> float:
+    """Move the clocks to where the codes see them, in place; begin those of systems not seen before.
+
+    Returns the median absolute difference of the codes from that, m: large where the position is wrong.
+    """
+    misclosure, active = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
+    for i in range(rows.size):
+        if rows[i].usable:
+            k = _CLOCK + pairs[i].system
+            misclosure[i] = pairs[i].code_m - _reduced(rows[i], x) - x[k]
+            if p[k, k] > 0.0:
+                active[i] = misclosure[i]
+    shift = np.nanmedian(active)
+    if not np.isnan(shift):
+        for k in range(_CLOCK, _CLOCK + _N_CLOCKS):
+            if p[k, k] > 0.0:
+                x[k] += shift
+        for i in range(rows.size):
+            if not np.isnan(active[i]):
+                misclosure[i] -= shift
+    for system in range(_N_CLOCKS):
+        k = _CLOCK + system
+        own = misclosure[(pairs["system"] == system) & ~np.isnan(misclosure)]
+        if p[k, k] == 0.0 and own.size > 0:
+            x[k] = np.median(own)
+            p[k, k] = _NEW_CLOCK_SIGMA_M**2
+            for i in range(rows.size):
+                if pairs[i].system == system:
+                    misclosure[i] -= x[k]
+    return np.nanmedian(np.abs(misclosure))
+
+
+@njit(cache=True)
+def begin_ambiguities(x: Floats, p: Floats, rows: Records, pairs: Records, arcs: Records, arc_of_pair: Ints) -> None:
+    """Begin the ambiguities of arcs whose state is not in use, at phase less code, in place."""
+    for i in range(rows.size):
+        arc = arc_of_pair[i]
+        if rows[i].usable and arc >= 0 and not arcs[arc].estimated:
+            k = N_CORE + arc
+            x[k] = pairs[i].phase_m - rows[i].wind_up_m - _reduced(rows[i], x) - x[_CLOCK + pairs[i].system]
+            p[k, :] = 0.0
+            p[:, k] = 0.0
+            p[k, k] = _AMBIGUITY_SIGMA_M**2
+            arcs[arc].estimated = True
+
+
+@njit(cache=True)
+def _design_row(h: Floats, row, system: int) -> None:  # type: ignore[no-untyped-def]
+    """Partials of a code to the core states."""
+    for k in range(_POSITION_AXES):
+        h[k] = -row.line[k]
+    h[ZENITH_DELAY] = row.wet
+    h[_NORTH], h[_EAST] = row.gradient_north, row.gradient_east
+    h[_CLOCK + system] = 1.0
+
+
+@njit(cache=True)
+def observation_equations(
+    x: Floats, rows: Records, pairs: Records, arc_of_pair: Ints, code_variance: Floats, phase_variance: Floats
+) -> tuple[Floats, Floats, Floats, Ints]:
+    """Design (m, n), innovations (m,), variances (m,) and, of each row, 2·pair for a code and 2·pair + 1 for a phase."""
+    most = 2 * rows.size
+    h, v, r = np.zeros((most, x.size)), np.zeros(most), np.zeros(most)
+    kind = np.zeros(most, np.int64)
+    m = 0
+    for i in range(rows.size):
+        if not rows[i].usable:
+            continue
+        reduced = _reduced(rows[i], x) + x[_CLOCK + pairs[i].system]
+        _design_row(h[m], rows[i], pairs[i].system)
+        v[m], r[m], kind[m] = pairs[i].code_m - reduced, code_variance[i], 2 * i
+        m += 1
+        arc = arc_of_pair[i]
+        if arc < 0:
+            continue
+        _design_row(h[m], rows[i], pairs[i].system)
+        h[m, N_CORE + arc] = 1.0
+        v[m] = pairs[i].phase_m - rows[i].wind_up_m - reduced - x[N_CORE + arc]
+        r[m], kind[m] = phase_variance[i], 2 * i + 1
+        m += 1
+    return h[:m], v[:m], r[:m], kind[:m]
+
+
+@njit(cache=True)
+def _without(s: Floats, v: Floats, use: Booleans) -> tuple[Floats, Floats, Ints]:
+    """The rows still in use: their covariance, innovations and indices."""
+    keep = np.flatnonzero(use)
+    out = np.empty((keep.size, keep.size))
+    for i in range(keep.size):
+        for j in range(keep.size):
+            out[i, j] = s[keep[i], keep[j]]
+    return out, v[keep], keep
+
+
+@njit(cache=True)
+def snoop(s: Floats, v: Floats, most: int) -> tuple[Booleans, Floats, float, bool]:
+    """Leave out one observation after another while the largest w-statistic says so, ``most`` at most.
+
+    Returns which are in use (m,), the whitened innovations of those, their sum of squares (NIS) and whether what is
+    left agrees.
+    """
+    use = np.ones(v.size, np.bool_)
+    for attempt in range(most + 1):
+        reduced, innovation, keep = _without(s, v, use)
+        factor, positive = cholesky_lower(reduced)
+        if not positive:
+            return use, innovation, np.inf, False
+        inverse = lower_inverse(factor)
+        white = whiten(inverse, innovation)
+        statistics = np.abs(w_statistics(inverse, white))
+        worst = np.argmax(statistics)
+        if statistics[worst] <= W_LIMIT:
+            return use, white, np.sum(white * white), True
+        if attempt == most:
+            return use, white, np.sum(white * white), False
+        use[keep[worst]] = False
+    return use, v, np.inf, False
+
+
+@njit(cache=True)
+def update(x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, most: int):  # type: ignore[no-untyped-def]
+    """Test an epoch's observations and, where they agree, update ``x`` and ``p`` in place by those that passed.
+
+    Returns as :func:`snoop`. Where the observations do not agree nothing is changed.
+    """
+    s = innovation_covariance(p, h, r)
+    use, white, nis, agrees = snoop(s, v, most)
+    if agrees:
+        update_sequential(x, p, h, r, v, use)
+    return use, white, nis, agrees
+
+
+@njit(cache=True)
+def book_keep(
+    kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats
+) -> NDArray[np.int64]:
+    """After an update: count refused phases and the codes' weight in their arcs. Returns refused rows' pairs' arcs."""
+    for i in range(kind.size):
+        pair = kind[i] // 2
+        arc = arc_of_pair[pair]
+        if arc < 0:
+            continue
+        if kind[i] % 2 == 0:
+            if use[i]:
+                arcs[arc].code_weight_m2 += added_code_weight[pair]
+        elif use[i]:
+            arcs[arc].refused = 0
+        else:
+            arcs[arc].refused += 1
+    return np.flatnonzero(arcs["refused"] > 0)
