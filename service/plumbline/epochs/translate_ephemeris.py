@@ -5,7 +5,7 @@ GPS week in 1042, 1045 or 1046. Where the stream's own time lies in the week sen
 decides, since toe may lie in the week after the week sent; else (a receive clock that is far off, a recording) the week
 sent decides, read in the way that lies nearest.
 
-GLONASS health is the most significant bit of B_n alone: receivers fill in l_n at will (``str-2018-195`` holds satellites
+GLONASS health is the first bit of B_n alone: receivers fill in l_n at will (``str-2018-195`` holds satellites
 that one receiver's l_n calls healthy and the other's does not).
 """
 
