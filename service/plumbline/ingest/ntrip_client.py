@@ -114,7 +114,7 @@ def gga_sentence(position_ecef_m: tuple[float, float, float], t_gps_ns: int) -> 
 
 
 def pause_s(failures: int, response: Response | None, jitter: Callable[[], float] = random.random) -> float:
-    """How long to wait before the next attempt: what the caster asks for, or ever longer, with up to a half of jitter."""
+    """How long to wait before the next attempt: what the caster asks for, or ever longer, with jitter."""
     if response is not None and response.retry_after_s is not None:
         return response.retry_after_s * (1.0 + 0.1 * jitter())
     least = REFUSED_PAUSE_S.get(response.status, 10.0) if response is not None else 0.0

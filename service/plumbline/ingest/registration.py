@@ -1,6 +1,6 @@
 """Who is calling? The first bytes of a connection, read without any input or output (sans-IO).
 
-Feed a :class:`Registrar` what comes; it answers None (more is needed), :class:`Admitted` or :class:`Refused`. The forms:
+Feed a :class:`Registrar` what comes; it answers None (more is needed), :class:`Admitted` or :class:`Refused`. Forms:
 
 - bytes configured as a station's registration, whatever they are (an IMEI of 15 digits, an ICCID of 20, any packet);
 - a line ``ID,TOKEN`` or ``ID``, ended by a line feed, by the first frame's 0xD3, or by silence;

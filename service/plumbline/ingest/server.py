@@ -1,4 +1,4 @@
-"""The listener that devices connect to: sockets, deadlines and caps around the sans-IO registration and stream splitting."""
+"""The listener that devices connect to: sockets, deadlines and caps around the sans-IO parts."""
 
 import asyncio
 import logging
@@ -32,7 +32,7 @@ class ConnectionEvent:
 class IngestServer:
     """Listens on the ingest port and on every port bound to a station.
 
-    ``sink(station, data)`` gets the bytes of admitted devices in the order they came; ``on_event`` the comings and goings.
+    ``sink(station, data)`` gets the bytes of admitted devices in the order they came; ``on_event`` comings and goings.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What an admitted device sends, taken apart without input or output: prefixes out, heartbeats counted, stations told apart.
+"""What an admitted device sends, taken apart (sans-IO): prefixes out, heartbeats counted, stations told apart.
 
 A connection of one station passes through as it comes, whatever it holds (the frame reader behind the archive sorts it
 out), except that a prefix before every packet is taken out, for it may stand in the middle of a frame. A connection of
