@@ -254,7 +254,8 @@ def row_status(row: Floats, t_ns: int) -> int:
 def broadcast_states(rows: Floats, t_gps_ns: Ints) -> SatelliteStates:
     """Satellites of packed ephemerides (n, N_COLUMNS) at GPS times (n,) int64 ns: see :class:`SatelliteStates`.
 
-    Rows of kind NONE give NaN and status 1, GLONASS states too far to integrate 11. GLONASS has no separate relativistic term: its message has it inside.
+    Rows of kind NONE give NaN and status 1, GLONASS states too far to integrate 11. GLONASS has no separate
+    relativistic term: its message has it inside.
     """
     n = rows.shape[0]
     position, velocity = np.full((n, 3), np.nan), np.full((n, 3), np.nan)

@@ -13,7 +13,6 @@ from plumbline.gnss.earth_frames import greenwich_sidereal_time_rad, julian_cent
 from plumbline.records import Floats
 
 _ARCSEC = math.pi / 648_000.0
-_GENERAL_PRECESSION_DEG = 1.3972  # per century, in longitude: J2000 equinox to the equinox of date
 
 
 @njit(cache=True)
@@ -32,9 +31,9 @@ def _equatorial(longitude_rad: float, latitude_rad: float, radius_m: float, t: f
 
 @njit(cache=True)
 def _sun_equatorial(t: float) -> Floats:
-    """Sun (3,), m: eqs 3.43–3.45."""
+    """Sun (3,), m: eqs 3.43–3.45, with the perihelion's own motion, which the book leaves out (4′ by 2020)."""
     m = math.radians((357.5256 + 35_999.049 * t) % 360.0)
-    longitude = math.radians((282.9400 + _GENERAL_PRECESSION_DEG * t) % 360.0) + m
+    longitude = math.radians((282.93734 + 1.71946 * t) % 360.0) + m  # perihelion of date (IERS 2010, 7.1.1.2, p_s)
     longitude += _ARCSEC * (6892.0 * math.sin(m) + 72.0 * math.sin(2.0 * m))
     radius_m = (149.619 - 2.499 * math.cos(m) - 0.021 * math.cos(2.0 * m)) * 1e9
     return _equatorial(longitude, 0.0, radius_m, t)
