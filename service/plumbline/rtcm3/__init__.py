@@ -7,9 +7,9 @@
     while (frame := reader.next_frame()) is not None:
         message = decode(frame.payload)             # never raises
 
-:func:`decode` answers with :class:`Observations` (MSM1–7, 1001–1004, 1009–1012), :class:`InertialMessage`, a table-driven
-:class:`Message` (stations, ephemerides, SSR), :class:`Malformed` with a reason, or :class:`Unknown`. :func:`encode` and
-:func:`frame` go back.
+:func:`decode` answers with :class:`Observations` (MSM1–7, 1001–1004, 1009–1012), :class:`InertialMessage`, a
+table-driven :class:`Message` (stations, ephemerides, SSR), :class:`Malformed` with a reason, or :class:`Unknown`.
+:func:`encode` and :func:`frame` go back.
 """
 
 import numpy as np

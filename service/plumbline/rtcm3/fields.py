@@ -164,10 +164,11 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True)
 class _Block:
-    """Neighbouring fixed rows, read as one integer: (row, shift, mask)."""
+    """Neighbouring fixed rows, read as one integer; a row that is a plain integer has no converter."""
 
     bits: int
-    rows: tuple[tuple[Row, int, int], ...]
+    decoders: tuple[tuple[str, int, int, Callable[[int], Any] | None], ...]  # name, shift, mask, converter
+    encoders: tuple[tuple[Row, int], ...]  # row, shift
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,11 +238,12 @@ def _compile(rows: tuple[Item, ...]) -> _Plan:
 
 def _block(rows: tuple[Row, ...]) -> _Block:
     total = sum(row.bits for row in rows)
-    shift, entries = total, []
+    shift, decoders, encoders = total, [], []
     for row in rows:
         shift -= row.bits
-        entries.append((row, shift, (1 << row.bits) - 1))
-    return _Block(total, tuple(entries))
+        decoders.append((row.name, shift, (1 << row.bits) - 1, _converter(row)))
+        encoders.append((row, shift))
+    return _Block(total, tuple(decoders), tuple(encoders))
 
 
 def _least_bits(rows: tuple[Item, ...]) -> int:
@@ -289,24 +291,32 @@ def _decode_layout(table: Table, payload: bytes) -> tuple[dict[str, Any] | None,
 def _decode_plan(plan: _Plan, reader: BitReader, out: dict[str, Any], outer: Fields) -> None:
     for step in plan:
         if isinstance(step, _Block):
-            raw = reader.unsigned(step.bits)
-            for row, shift, mask in step.rows:
-                out[row.name] = _value_of_raw(row, raw >> shift & mask)
+            _decode_block(step, reader, out)
         elif isinstance(step, Text):
             octets = reader.octets(_bounded(reader, reader.unsigned(step.length_bits), 8))
             out[step.name] = octets.decode(step.encoding, "surrogateescape")
         elif isinstance(step, Values):
             n = _bounded(reader, _count(step.count, out, outer), step.row.bits)
-            out[step.name] = tuple(_value_of_raw(step.row, reader.unsigned(step.row.bits)) for _ in range(n))
+            convert = _converter(step.row) or int
+            out[step.name] = tuple([convert(reader.unsigned(step.row.bits)) for _ in range(n)])
         else:
             n = _bounded(reader, _count(step.count, out, outer), step.least_bits)
-            scope = {**outer, **out}
-            repeats = []
-            for _ in range(n):
-                repeat: dict[str, Any] = {}
-                _decode_plan(step.plan, reader, repeat, scope)
-                repeats.append(repeat)
-            out[step.name] = tuple(repeats)
+            repeats: tuple[dict[str, Any], ...] = tuple([{} for _ in range(n)])
+            if len(step.plan) == 1 and isinstance(step.plan[0], _Block):
+                for repeat in repeats:
+                    _decode_block(step.plan[0], reader, repeat)
+            else:
+                scope = {**outer, **out}
+                for repeat in repeats:
+                    _decode_plan(step.plan, reader, repeat, scope)
+            out[step.name] = repeats
+
+
+def _decode_block(block: _Block, reader: BitReader, out: dict[str, Any]) -> None:
+    bits = reader.unsigned(block.bits)
+    for name, shift, mask, convert in block.decoders:
+        raw = bits >> shift & mask
+        out[name] = raw if convert is None else convert(raw)
 
 
 def _bounded(reader: BitReader, count: int, least_bits: int) -> int:
@@ -321,19 +331,28 @@ def _count(count: Count, fields: Fields, outer: Fields) -> int:
     return count({**outer, **fields})
 
 
-def _value_of_raw(row: Row, raw: int) -> Any:
-    kind = row.kind
-    if kind == Kind.FLAG:
-        return raw == 1
-    if kind == Kind.SIGNED:
-        if raw >> (row.bits - 1):
-            raw -= 1 << row.bits
-    elif kind == Kind.SIGN_MAGNITUDE and raw >> (row.bits - 1):
-        magnitude = raw ^ (1 << (row.bits - 1))
-        return None if row.sentinel == -magnitude else -float(magnitude) * (row.scale or 1.0)
-    if raw == row.sentinel:
-        return None
-    return raw + row.offset if row.scale is None else (raw + row.offset) * row.scale
+def _converter(row: Row) -> Callable[[int], Any] | None:
+    """What turns a row's bits into its value; None where they are the value."""
+    scale, offset, sentinel = row.scale, row.offset, row.sentinel
+    top = 1 << (row.bits - 1)
+    flip = top if row.kind is Kind.SIGNED else 0  # (raw ^ top) − top is two's complement
+
+    def general(raw: int) -> Any:
+        if row.kind is Kind.SIGN_MAGNITUDE and raw & top:
+            magnitude = raw ^ top
+            return None if sentinel == -magnitude else -float(magnitude) * (scale or 1.0)
+        number = (raw ^ flip) - flip
+        if number == sentinel:
+            return None
+        return number + offset if scale is None else (number + offset) * scale
+
+    if row.kind is Kind.FLAG:
+        return bool
+    if row.kind is Kind.SIGN_MAGNITUDE or sentinel is not None:
+        return general
+    if scale is not None:
+        return lambda raw: ((raw ^ flip) - flip + offset) * scale
+    return (lambda raw: (raw ^ flip) - flip + offset) if flip or offset else None
 
 
 # --------------------------------------------------------------------------------------------- encoding
@@ -364,7 +383,7 @@ def _encode_plan(compiled: _Compiled, plan: _Plan, writer: BitWriter, fields: Fi
     for step in plan:
         if isinstance(step, _Block):
             block = 0
-            for row, shift, _ in step.rows:
+            for row, shift in step.encoders:
                 block |= _raw_of_value(row, _field(row, fields)) << shift
             writer.unsigned(block, step.bits)
         elif isinstance(step, Text):

@@ -7,7 +7,7 @@ from plumbline.rtcm3.inertial import DEFAULT_INERTIAL_NUMBER, InertialMessage, d
 from plumbline.rtcm3.legacy import LEGACY_TABLES, decode_legacy, encode_legacy
 from plumbline.rtcm3.msm import decode_msm
 from plumbline.rtcm3.msm_encoder import encode_msm
-from plumbline.rtcm3.msm_layout import kind_and_system
+from plumbline.rtcm3.msm_layout import MSM_NUMBERS
 from plumbline.rtcm3.observations import Observations
 
 Encodable = Observations | InertialMessage | Message
@@ -21,7 +21,7 @@ def decode(payload: bytes, inertial_number: int = DEFAULT_INERTIAL_NUMBER) -> De
     number = message_number(payload)
     if number == inertial_number:
         return decode_inertial(payload)
-    if kind_and_system(number) is not None:
+    if number in MSM_NUMBERS:
         return decode_msm(number, payload)
     if number in LEGACY_TABLES:
         return decode_legacy(number, payload)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from plumbline.constants import LIGHT_MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from plumbline.records import UNKNOWN_CHANNEL, Booleans, Floats
-from plumbline.rtcm3.bit_kernels import read_signed, read_unsigned
+from plumbline.rtcm3.bit_kernels import padded, read_signed, read_unsigned
 from plumbline.rtcm3.fields import Malformed
 from plumbline.rtcm3.msm_layout import (
     CHANNEL_OFFSET,
@@ -37,6 +37,7 @@ from plumbline.rtcm3.msm_layout import (
     MAX_CELLS,
     MAX_CHANNEL_CODE,
     MODULO_MS,
+    MSM_NUMBERS,
     MULTIPLE,
     N_SATELLITE_COLUMNS,
     PHASE_BITS_BELOW_ROUGH,
@@ -49,7 +50,6 @@ from plumbline.rtcm3.msm_layout import (
     WEEK_MS,
     WHOLE_MS,
     glonass_epoch,
-    kind_and_system,
     least_lock_ms,
 )
 from plumbline.rtcm3.observations import Observations
@@ -66,13 +66,11 @@ Cells = tuple[int, NDArray[np.int64], NDArray[np.int16], NDArray[np.int8], Boole
 
 def decode_msm(number: int, payload: bytes) -> Observations | Malformed:
     """Decode an MSM payload whose number is ``number``, 1071–1137."""
-    kind_system = kind_and_system(number)
+    kind_system = MSM_NUMBERS.get(number)
     if kind_system is None:
         return Malformed(number, "not_an_msm")
-    kind, system = kind_system
-    status, header, ids, channel, half_cycle, values = _decode(
-        np.frombuffer(payload, dtype=np.uint8), kind, int(system)
-    )
+    kind, system_id, system = kind_system
+    status, header, ids, channel, half_cycle, values = _decode(np.frombuffer(payload, dtype=np.uint8), kind, system_id)
     if status != _OK:
         return Malformed(number, _REASONS[status])
     fields = header.tolist()
@@ -121,10 +119,12 @@ def _decode(data: NDArray[np.uint8], kind: int, system: int) -> Cells:
     satellites = np.empty(SATELLITES_PER_SYSTEM, dtype=np.int64)
     cell_satellite = np.empty(MAX_CELLS, dtype=np.int64)
     cell_signal = np.empty(MAX_CELLS, dtype=np.int64)
-    status, n_satellites, n, at = _read_masks(data, header, satellites, cell_satellite, cell_signal)
+    size = 8 * data.size
+    data = padded(data)
+    status, n_satellites, n, at = _read_masks(data, size, header, satellites, cell_satellite, cell_signal)
     bits = COLUMN_BITS[kind]
     wanted = n_satellites * bits[:N_SATELLITE_COLUMNS].sum() + n * bits[N_SATELLITE_COLUMNS:].sum()
-    if status == _OK and at + wanted > 8 * data.size:
+    if status == _OK and at + wanted > size:
         status = _TOO_SHORT
     if status != _OK:
         n = 0
@@ -153,13 +153,14 @@ def _decode(data: NDArray[np.uint8], kind: int, system: int) -> Cells:
 @njit(cache=True)
 def _read_masks(
     data: NDArray[np.uint8],
+    size: int,
     header: NDArray[np.int64],
     satellites: NDArray[np.int64],
     cell_satellite: NDArray[np.int64],
     cell_signal: NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
-    """Header and masks: status, number of satellites, of cells, and the bit behind them. Cells run by satellite."""
-    if 8 * data.size < HEADER_BITS:
+    """Header and masks of ``size`` bits: status, number of satellites, of cells, the bit behind. Cells by satellite."""
+    if size < HEADER_BITS:
         return _TOO_SHORT, 0, 0, 0
     at = 12
     for i in range(HEADER_FIELD_BITS.size):
@@ -172,7 +173,7 @@ def _read_masks(
     at += SIGNALS_PER_SYSTEM
     if n_satellites * n_signals > MAX_CELLS:
         return _TOO_MANY_CELLS, 0, 0, at
-    if at + n_satellites * n_signals > 8 * data.size:
+    if at + n_satellites * n_signals > size:
         return _TOO_SHORT, 0, 0, at
     n = 0
     for i in range(n_satellites):
@@ -210,7 +211,7 @@ def _read_satellites(
     modulo_at = extended_at + n * bits[EXTENDED]
     rate_at = modulo_at + n * bits[MODULO_MS]
     for i in range(n):
-        whole_ms = read_unsigned(data, at + i * bits[WHOLE_MS], bits[WHOLE_MS])
+        whole_ms = read_unsigned(data, at + i * bits[WHOLE_MS], bits[WHOLE_MS]) if bits[WHOLE_MS] else 0
         modulo = read_unsigned(data, modulo_at + i * bits[MODULO_MS], bits[MODULO_MS])
         rough[0, i] = -1 if whole_ms == INVALID_WHOLE_MS else (whole_ms << 10) | modulo
         rough[1, i] = _INVALID

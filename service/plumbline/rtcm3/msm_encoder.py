@@ -34,6 +34,7 @@ from plumbline.rtcm3.msm_layout import (
     LOCK,
     MAX_CELLS,
     MODULO_MS,
+    MSM_NUMBERS,
     PHASE_BITS_BELOW_ROUGH,
     RATE_M_S,
     RESERVED_BITS_AFTER_IODS,
@@ -42,7 +43,6 @@ from plumbline.rtcm3.msm_layout import (
     UNKNOWN_CHANNEL_CODE,
     WEEK_MS,
     WHOLE_MS,
-    kind_and_system,
     lock_code,
     message_number_of,
 )
@@ -162,7 +162,7 @@ def _parts(numbers: NDArray[np.int64], signals: NDArray[np.int64]) -> Iterator[t
 
 def encode_msm(message: Observations) -> bytes:
     """The payload of a decoded MSM, values unchanged; raises :class:`ContractError` if it needs more than one."""
-    kind_system = kind_and_system(message.number)
+    kind_system = MSM_NUMBERS.get(message.number)
     if kind_system is None:
         raise ContractError(f"{message.number} is no MSM")
     modulo = message.pseudorange_modulo_m is not None and message.phase_range_modulo_m is not None

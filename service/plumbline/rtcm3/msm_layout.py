@@ -13,7 +13,6 @@ from plumbline.constants import LIGHT_MILLISECOND_M
 from plumbline.signals import System
 
 FIRST_MSM_NUMBER: Final = 1070
-LAST_MSM_NUMBER: Final = 1137
 HEADER_BITS: Final = 169
 MAX_CELLS: Final = 64
 
@@ -58,12 +57,10 @@ DAY_MS: Final = 86_400_000
 LEAP_SECOND_MS: Final = 1000  # DF034 counts on through a leap second; some receivers write a week's end as 604,800,000
 
 
-def kind_and_system(number: int) -> tuple[int, System] | None:
-    """Kind (1–7) and system of an MSM message number; None when it is none."""
-    if not FIRST_MSM_NUMBER < number <= LAST_MSM_NUMBER:
-        return None
-    system, kind = divmod(number - FIRST_MSM_NUMBER, 10)
-    return (kind, System(system)) if 1 <= kind <= 7 else None
+#: Kind (1–7), system as a number and system of each MSM message number.
+MSM_NUMBERS: Final = {
+    FIRST_MSM_NUMBER + 10 * system + kind: (kind, int(system), system) for system in System for kind in range(1, 8)
+}
 
 
 def glonass_epoch(field: int) -> tuple[int | None, int]:

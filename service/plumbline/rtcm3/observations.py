@@ -1,6 +1,6 @@
 """What a receiver measured, as one observation message tells it: MSM1–MSM7 and the legacy 1001–1004, 1009–1012."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,7 @@ from plumbline.signals import System
 LEGACY_ROLLOVER_CYCLES = 1500
 
 
-@dataclass(frozen=True, slots=True)
-class Observations:
+class Observations(NamedTuple):  # and no dataclass: that takes as long to make as the message to decode
     """One message's observations: struct of arrays, a row per (satellite, signal), shapes (n,), NaN where missing.
 
     Rows run by satellite, then signal. A row may have a code and no phase, or a phase and no code; where its
