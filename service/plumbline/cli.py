@@ -1,0 +1,158 @@
+"""The command line: serve, process, inspect."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from plumbline import __version__
+from plumbline.config import AntennaMotion, Mode, read_server_settings
+from plumbline.errors import PlumblineError
+from plumbline.gps_time import gps_ns_from_unix_ns
+
+ROLES = ("ingest", "worker", "store", "api")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the command ``plumbline``; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+    except PlumblineError as error:
+        print(f"plumbline: {error}", file=sys.stderr)
+        return 2
+    except FileNotFoundError as error:
+        print(f"plumbline: no such file: {error.filename}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        return 0
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="plumbline", description="Watches structures and slopes move.")
+    parser.add_argument("--version", action="version", version=f"plumbline {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_serve(commands.add_parser("serve", help="run the server"))
+    _add_process(commands.add_parser("process", help="run a station's pipeline over files"))
+    inspect = commands.add_parser("inspect", help="say what is in RTCM3 files")
+    inspect.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    inspect.add_argument("--json", action="store_true", help="one JSON object a file")
+    inspect.set_defaults(run=_inspect)
+    return parser
+
+
+def _add_serve(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file")
+    parser.add_argument("--data-dir", type=Path, metavar="DIR")
+    parser.add_argument("--http-port", type=int, metavar="PORT")
+    parser.add_argument("--ingest-port", type=int, metavar="PORT")
+    parser.add_argument("--workers", type=int, metavar="N", help="worker processes (default: cores − 1)")
+    parser.add_argument("--role", action="append", choices=ROLES, help="run this role only; may be repeated")
+    parser.set_defaults(run=_serve)
+
+
+def _add_process(parser: argparse.ArgumentParser) -> None:
+    def files(name: str, help_: str, required: bool = False) -> None:
+        parser.add_argument(name, nargs="+", type=Path, default=[], metavar="FILE", help=help_, required=required)
+
+    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "fuse"), default="ppp")
+    motion = parser.add_mutually_exclusive_group()
+    motion.add_argument("--kinematic", dest="motion", action="store_const", const=AntennaMotion.KINEMATIC)
+    motion.add_argument("--static", dest="motion", action="store_const", const=AntennaMotion.STATIC)
+    files("--obs", "observations: RTCM3 or RINEX, plain or gzip")
+    files("--nav", "ephemerides: RINEX or RTCM3")
+    files("--ssr", "corrections: RTCM3")
+    files("--sp3", "precise orbits, several days in any order")
+    files("--clk", "precise clocks")
+    parser.add_argument("--antex", type=Path, metavar="FILE", help="antenna calibrations")
+    files("--accel", "accelerometer: RTCM3, SAC, MiniSEED or CSV")
+    files("--pole-zero", "SAC pole-zero files of --accel, in the same order")
+    files("--displacement", "a displacement series (mode fuse): SAC, MiniSEED or CSV")
+    parser.add_argument("--rotation-deg", type=float, default=0.0, metavar="DEG",
+                        help="turn the sensor: E' = E cos + N sin, N' = N cos − E sin")  # fmt: skip
+    parser.add_argument("--withhold", type=int, default=1, metavar="N", help="mode fuse: use every Nth displacement")
+    parser.add_argument("--reference", type=_vector, metavar="X,Y,Z", help="reference position, ECEF, m")
+    parser.add_argument("--antenna-height", type=float, default=0.0, metavar="M")
+    parser.add_argument("--systems", default="GREC")
+    parser.add_argument("--elevation-mask", type=float, default=7.0, metavar="DEG")
+    parser.add_argument("--ar", choices=("off", "on"), default="off", help="ambiguity resolution")
+    parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")
+    parser.set_defaults(run=_process, motion=AntennaMotion.KINEMATIC)
+
+
+def _vector(text: str) -> tuple[float, float, float]:
+    values = [float(part) for part in text.split(",")]
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError("want three numbers: X,Y,Z")
+    return values[0], values[1], values[2]
+
+
+def _serve(options: argparse.Namespace) -> int:
+    from plumbline import app
+
+    settings = read_server_settings(
+        options.config,
+        data_dir=options.data_dir,
+        http_port=options.http_port,
+        ingest_port=options.ingest_port,
+        workers=options.workers,
+    )
+    return app.main(settings, frozenset(options.role or ROLES))
+
+
+def _process(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from plumbline import offline
+
+    if options.mode == "fuse":
+        return _fuse(options)
+    if not options.obs:
+        raise PlumblineError("--obs is needed in this mode")
+    mode = Mode(options.mode)
+    settings = offline.settings_of(
+        mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
+        options.ar, options.rotation_deg,
+    )  # fmt: skip
+    request = offline.ProcessRequest(
+        settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
+        options.antex, tuple(options.accel), tuple(options.pole_zero), gps_ns_from_unix_ns(time.time_ns()),
+    )  # fmt: skip
+    with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+        outputs = offline.run(request, lambda fraction: bar.update(100 * fraction - bar.n) and None)
+    rows = offline.write_csv(options.output, outputs, mode)
+    print(f"{options.output}: {rows} rows", file=sys.stderr)
+    return 0
+
+
+def _fuse(options: argparse.Namespace) -> int:
+    from plumbline import offline_fusion
+
+    if not options.displacement or not options.accel:
+        raise PlumblineError("mode fuse wants --displacement and --accel")
+    report = offline_fusion.run(
+        options.displacement, options.accel, options.pole_zero, options.rotation_deg, options.withhold, options.output
+    )
+    print(report, file=sys.stderr)
+    return 0
+
+
+def _inspect(options: argparse.Namespace) -> int:
+    from plumbline.rtcm3.inspection import inspect_bytes
+
+    for path in options.files:
+        data = path.read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            import gzip
+
+            data = gzip.decompress(data)
+        inspection = inspect_bytes(data, str(path))
+        print(json.dumps(inspection.to_json()) if options.json else inspection.to_text())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""A stream's bytes → decoded messages, and what it says of satellites → the books; the rest is counted."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from plumbline.epochs.correction_book import CorrectionBook
+from plumbline.epochs.ephemeris_book import EphemerisBook
+
+from plumbline.epochs import translate_ephemeris, translate_ssr
+from plumbline.epochs.time_base import TimeBase
+from plumbline.epochs.translate_ssr import SsrTranslator
+from plumbline.records import Ephemeris, GlonassEphemeris
+from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Unknown, decode
+
+
+class StreamDecoder:
+    """Sans-IO: bytes in, decoded messages out, in order. Picklable."""
+
+    def __init__(self, inertial_message: int = 4001) -> None:
+        self._reader = FrameReader()
+        self._inertial_message = inertial_message
+        self.messages: Counter[str] = Counter()
+
+    def receive(self, data: bytes) -> list[DecodedMessage]:
+        """The messages that these bytes complete."""
+        self._reader.receive_data(data)
+        decoded = []
+        while (frame := self._reader.next_frame()) is not None:
+            message = decode(frame.payload, inertial_number=self._inertial_message)
+            if isinstance(message, Malformed):
+                self.messages[f"malformed_{message.number}_{message.reason}"] += 1
+            elif isinstance(message, Unknown):
+                self.messages[f"unknown_{message.number}"] += 1
+            else:
+                decoded.append(message)
+        return decoded
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was not used, by reason: bytes that were no frame, malformed and unknown messages."""
+        return {f"bytes_{reason}": n for reason, n in self._reader.counters.items()} | dict(self.messages)
+
+
+@dataclass(slots=True)
+class Books:
+    """Ephemerides and corrections of one or several streams, and their time base. Picklable."""
+
+    ephemerides: EphemerisBook = field(default_factory=EphemerisBook)
+    corrections: CorrectionBook = field(default_factory=CorrectionBook)
+    time_base: TimeBase = field(default_factory=TimeBase)
+    translator: SsrTranslator = field(default_factory=SsrTranslator)
+    counters: Counter[str] = field(default_factory=Counter)
+
+    def add_ephemeris(self, ephemeris: Ephemeris) -> None:
+        """Take an ephemeris that is already a record (from a file)."""
+        self.time_base.learn(ephemeris.toe_gps_ns, ephemeris.t_receive_ns)
+        self.ephemerides.add(ephemeris)
+
+    def learn(self, message: DecodedMessage, t_receive_ns: int) -> bool:
+        """Take a message if it is an ephemeris or an SSR correction; False if it is neither."""
+        if not isinstance(message, Message):
+            return False
+        near_ns = self.time_base.near(t_receive_ns)
+        if message.number in translate_ephemeris.NUMBERS:
+            self._learn_ephemeris(message, t_receive_ns, near_ns)
+            return True
+        if message.number in translate_ssr.NUMBERS:
+            self._learn_correction(message, t_receive_ns, near_ns)
+            return True
+        return False
+
+    def _learn_ephemeris(self, message: Message, t_receive_ns: int, near_ns: int) -> None:
+        ephemeris = translate_ephemeris.ephemeris_from_message(message, t_receive_ns, near_ns)
+        if isinstance(ephemeris, translate_ephemeris.Rejected):
+            self.counters[f"ephemeris_{ephemeris.reason}"] += 1
+            return
+        weekless = isinstance(ephemeris, GlonassEphemeris)  # it names no week, so it cannot set one
+        if not weekless and self.time_base.learn(ephemeris.toe_gps_ns, t_receive_ns):
+            self.counters["time_base_moved"] += 1
+        self.ephemerides.add(ephemeris)
+
+    def _learn_correction(self, message: Message, t_receive_ns: int, near_ns: int) -> None:
+        corrections = self.translator.translate(message, t_receive_ns, near_ns)
+        if isinstance(corrections, translate_ephemeris.Rejected):
+            self.counters[f"correction_{corrections.reason}"] += 1
+            return
+        for correction in corrections:
+            self.corrections.add(correction)
+
+
+class NavigationFeed:
+    """A stream of ephemerides or corrections that stations share: bytes in, books kept."""
+
+    def __init__(self, stream: str, books: Books) -> None:
+        self.stream = stream
+        self._books = books
+        self._decoder = StreamDecoder()
+
+    def receive(self, data: bytes, t_receive_ns: int) -> None:
+        """Decode and keep what is for the books; the rest is left alone."""
+        for message in self._decoder.receive(data):
+            self._books.learn(message, t_receive_ns)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was not used, by reason."""
+        return self._decoder.counters

@@ -1,0 +1,310 @@
+"""`plumbline process`: the same pipeline over files, without a server.
+
+Files become one line of events in the order of their times, as a server would have received them, and the pipeline's
+records become the rows of a CSV.
+"""
+
+import csv
+import gzip
+import heapq
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from plumbline.config import AntennaMotion, Mode, StationSettings
+from plumbline.epochs.recording import read_recording
+from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
+from plumbline.errors import ConfigurationError
+from plumbline.files.rinex_clock import read_clocks
+from plumbline.files.rinex_navigation import read_navigation
+from plumbline.files.rinex_observation import RinexObservations
+from plumbline.files.seismic import read_components
+from plumbline.files.sp3 import read_sp3
+from plumbline.gps_time import NS_PER_S
+from plumbline.pipeline import Pipeline
+from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
+from plumbline.positioning.satellites import SatelliteSource
+from plumbline.records import InertialBlock, Motion, Output, Solution
+
+COLUMNS: Final = (
+    "t_gps_s", "status", "n_satellites", "e_m", "n_m", "u_m", "sigma_e_m", "sigma_n_m", "sigma_u_m",
+    "x_ecef_m", "y_ecef_m", "z_ecef_m", "ve_m_s", "vn_m_s", "vu_m_s", "ae_m_s2", "an_m_s2", "au_m_s2",
+    "systems", "zenith_delay_m", "correction_age_s", "pdop", "reason",
+)  # fmt: skip
+_BLOCK_NS: Final = NS_PER_S  # inertial series are fed in blocks of one second, as a device sends them
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessRequest:
+    """What to process, as the command line says it."""
+
+    settings: StationSettings
+    obs: tuple[Path, ...]
+    nav: tuple[Path, ...] = ()
+    ssr: tuple[Path, ...] = ()
+    sp3: tuple[Path, ...] = ()
+    clk: tuple[Path, ...] = ()
+    antex: Path | None = None
+    accel: tuple[Path, ...] = ()
+    pole_zero: tuple[Path, ...] = ()  # of `accel`
+    t_near_gps_ns: int = 0  # settles the week of recordings without ephemerides
+
+
+class Event(NamedTuple):
+    """Something that reaches the pipeline at a time."""
+
+    t_receive_ns: int
+    deliver: Callable[[Pipeline], list[Output]]
+
+
+@dataclass(slots=True)
+class Progress:
+    """How much of the input has been read, 0…1."""
+
+    fraction: float = 0.0
+    report: Callable[[float], None] = field(default=lambda fraction: None)
+
+    def at(self, fraction: float) -> None:
+        """Report it when it has grown by a thousandth."""
+        if fraction - self.fraction >= 1e-3 or fraction >= 1.0:
+            self.fraction = fraction
+            self.report(fraction)
+
+
+def is_rinex(path: Path) -> bool:
+    """Whether a file, plain or gzip, begins like RINEX (or compact RINEX)."""
+    head = path.open("rb").read(2)
+    with gzip.open(path) if head == b"\x1f\x8b" else path.open("rb") as stream:
+        return b"RINEX" in stream.read(80)
+
+
+def run(request: ProcessRequest, report: Callable[[float], None] = lambda fraction: None) -> list[Output]:
+    """All records that the pipeline makes of the files, in order."""
+    books = Books()
+    t_near_ns = _load_navigation(request, books)
+    pipeline = Pipeline(request.settings, (), books, source=_precise_source(request))
+    progress = Progress(report=report)
+    streams: list[Iterable[Event]] = [_observation_events(path, t_near_ns, progress) for path in request.obs]
+    streams += [_correction_events(path, books, t_near_ns) for path in (*request.ssr, *_recordings(request.nav))]
+    if request.accel:
+        streams.append(_inertial_events(request, t_near_ns))
+    outputs: list[Output] = []
+    t_ns = t_near_ns
+    for event in heapq.merge(*streams, key=lambda event: event.t_receive_ns):
+        outputs += event.deliver(pipeline)
+        t_ns = event.t_receive_ns
+    progress.at(1.0)
+    return outputs + pipeline.finish(t_ns)
+
+
+# ------------------------------------------------------------------------------------------------ inputs
+
+
+def _recordings(paths: Sequence[Path]) -> list[Path]:
+    return [path for path in paths if not is_rinex(path)]
+
+
+def _load_navigation(request: ProcessRequest, books: Books) -> int:
+    """RINEX navigation into the books; returns a time within half a week of the recordings."""
+    for path in request.nav:
+        if is_rinex(path):
+            for ephemeris in read_navigation(path).ephemerides:
+                books.ephemerides.add(ephemeris)
+    for path in request.obs:
+        if is_rinex(path):
+            return next(iter(RinexObservations(path))).t_gps_ns
+    for path in (*_recordings(request.obs), *_recordings(request.nav), *request.ssr):
+        t_ns = _time_of_ephemerides(path, request.t_near_gps_ns)
+        if t_ns is not None:
+            return t_ns
+    return request.t_near_gps_ns
+
+
+def _time_of_ephemerides(path: Path, t_near_ns: int) -> int | None:
+    """When a recording was made, to within hours, if its ephemerides tell."""
+    books, decoder = Books(), StreamDecoder()
+    for piece in read_recording(path, path.name):
+        for message in decoder.receive(piece.data):
+            if books.learn(message, t_near_ns) and books.time_base.known:
+                return books.time_base.near(t_near_ns)
+    return None
+
+
+def _precise_source(request: ProcessRequest) -> SatelliteSource | None:
+    if not request.sp3:
+        return None
+    orbits, clocks = read_sp3(request.sp3)
+    if request.clk:
+        clocks = read_clocks(request.clk).clocks
+    ephemerides = [e for path in request.nav if is_rinex(path) for e in read_navigation(path).ephemerides]
+    return PreciseSource(orbits, clocks, channels_of_ephemerides(ephemerides))
+
+
+def _observation_events(path: Path, t_near_ns: int, progress: Progress) -> Iterator[Event]:
+    if is_rinex(path):
+        observations = RinexObservations(path)
+        for epoch in observations:
+            progress.at(observations.fraction)
+            yield Event(epoch.t_receive_ns, lambda pipeline, epoch=epoch: pipeline.process_epoch(epoch))
+        return
+    pieces = read_recording(path, path.name, t_near_ns=t_near_ns)
+    for i, piece in enumerate(pieces):
+        progress.at((i + 1) / len(pieces))
+        yield Event(piece.t_ns, lambda pipeline, p=piece: pipeline.receive(p.data, p.t_ns))
+
+
+def _correction_events(path: Path, books: Books, t_near_ns: int) -> Iterator[Event]:
+    feed = NavigationFeed(path.name, books)
+
+    def deliver(data: bytes, t_receive_ns: int) -> list[Output]:
+        feed.receive(data, t_receive_ns)
+        return []
+
+    for piece in read_recording(path, path.name, t_near_ns=t_near_ns):
+        yield Event(piece.t_ns, lambda _, p=piece: deliver(p.data, p.t_ns))
+
+
+def _inertial_events(request: ProcessRequest, t_near_ns: int) -> Iterator[Event]:
+    """Samples of a recording, or of a series' one or three files, in blocks of a second due when their last is in."""
+    if all(_is_recording(path) for path in request.accel):
+        for path in request.accel:
+            yield from _observation_events(path, t_near_ns, Progress())
+        return
+    series = read_components(request.accel, request.pole_zero)
+    if series.values.shape[1] != 3:
+        raise ConfigurationError(f"--accel wants three components, not {series.values.shape[1]}")
+    size = max(1, round(_BLOCK_NS / series.interval_ns))
+    for start in range(0, len(series.values), size):
+        values = series.values[start : start + size]
+        t_first_ns = series.t_first_gps_ns + start * series.interval_ns
+        t_last_ns = t_first_ns + len(values) * series.interval_ns
+        block = InertialBlock(t_first_ns, t_last_ns, series.interval_ns, values)
+        yield Event(t_last_ns, lambda pipeline, block=block: pipeline.receive_inertial(block))
+
+
+def _is_recording(path: Path) -> bool:
+    return path.suffix.lower() in (".rtcm3", ".rtcm", ".rtc", ".bin")
+
+
+# ------------------------------------------------------------------------------------------------ outputs
+
+
+def write_csv(path: Path, outputs: Sequence[Output], mode: Mode) -> int:
+    """Solutions, or in the fused modes the last revision of every motion sample; returns the number of rows."""
+    rows = _motion_rows(outputs) if mode is Mode.PPP_ACCEL else map(_solution_row, _solutions(outputs))
+    count = 0
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for count, row in enumerate(rows, start=1):  # noqa: B007
+            writer.writerow(row)
+    return count
+
+
+def _solutions(outputs: Sequence[Output]) -> list[Solution]:
+    return [output for output in outputs if isinstance(output, Solution)]
+
+
+def seconds_text(t_gps_ns: int) -> str:
+    """GPS time as seconds since 1980-01-06, to the microsecond."""
+    whole, fraction = divmod(t_gps_ns, NS_PER_S)
+    return f"{whole}.{fraction:09d}"[:-3]
+
+
+def _numbers(values: Iterable[float] | None, digits: int) -> list[str]:
+    return [""] * 3 if values is None else [f"{value:.{digits}f}" for value in values]
+
+
+def _one(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _solution_row(solution: Solution) -> list[str | int]:
+    covariance = solution.covariance_enu_m2
+    return [
+        seconds_text(solution.t_gps_ns),
+        solution.status,
+        solution.n_satellites,
+        *_numbers(solution.displacement_enu_m, 5),
+        *_numbers(None if covariance is None else np.sqrt(np.diag(covariance)), 5),
+        *_numbers(solution.position_ecef_m, 5),
+        *_numbers(solution.velocity_enu_m_s, 5),
+        *_numbers(None, 0),
+        solution.systems,
+        _one(solution.zenith_delay_m, 5),
+        _one(solution.correction_age_s, 3),
+        _one(solution.pdop, 3),
+        solution.reason,
+    ]
+
+
+def _motion_rows(outputs: Sequence[Output]) -> Iterator[list[str | int]]:
+    """One row a sample; the facts of the position are those of the last solution at or before it."""
+    blocks: dict[int, Motion] = {}
+    for output in outputs:
+        if isinstance(output, Motion):
+            blocks[output.t_first_gps_ns] = output  # revisions come in order
+    solutions = sorted(_solutions(outputs), key=lambda solution: solution.t_gps_ns)
+    at = -1
+    for block in (blocks[t] for t in sorted(blocks)):
+        for i in range(len(block.displacement_enu_m)):
+            t_ns = block.t_first_gps_ns + i * block.interval_ns
+            while at + 1 < len(solutions) and solutions[at + 1].t_gps_ns <= t_ns:
+                at += 1
+            yield _motion_row(block, i, t_ns, solutions[at] if at >= 0 else None)
+
+
+def _motion_row(block: Motion, i: int, t_ns: int, solution: Solution | None) -> list[str | int]:
+    return [
+        seconds_text(t_ns),
+        block.status,
+        solution.n_satellites if solution else 0,
+        *_numbers(block.displacement_enu_m[i], 5),
+        *_numbers(block.sigma_displacement_enu_m[i], 5),
+        *_numbers(None, 0),
+        *_numbers(block.velocity_enu_m_s[i], 6),
+        *_numbers(block.acceleration_enu_m_s2[i], 6),
+        solution.systems if solution else "",
+        _one(solution.zenith_delay_m if solution else None, 5),
+        _one(solution.correction_age_s if solution else None, 3),
+        _one(solution.pdop if solution else None, 3),
+        solution.reason if solution else "no solution yet",
+    ]
+
+
+def rotation_about_up(angle_deg: float) -> tuple[tuple[float, float, float], ...]:
+    """The matrix of E' = E cos + N sin, N' = N cos − E sin, U' = U."""
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    return (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
+
+
+def settings_of(
+    mode: Mode,
+    reference: tuple[float, float, float] | None,
+    antenna_height_m: float,
+    systems: str,
+    elevation_mask_deg: float,
+    motion: AntennaMotion,
+    ambiguity_resolution: str,
+    rotation_deg: float = 0.0,
+) -> StationSettings:
+    """Station settings from the command line's words."""
+    return StationSettings.model_validate(
+        {
+            "station": "process",
+            "mode": mode,
+            "reference_position_ecef_m": reference,
+            "antenna_height_m": antenna_height_m,
+            "positioning": {
+                "systems": systems,
+                "elevation_mask_deg": elevation_mask_deg,
+                "motion": motion,
+                "ambiguity_resolution": ambiguity_resolution,
+            },
+            "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},
+        }
+    )

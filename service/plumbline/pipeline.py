@@ -1,0 +1,305 @@
+"""One station's wiring, from bytes to motion and alerts. Pure: bytes and times in, records out.
+
+    bytes ► decoder ► observations ► assembler ► epochs ► ppp ► solution ► fusion ► motion ► alert rules
+                    ► ephemerides, corrections ► books
+                    ► inertial samples ────────────────────────────────► fusion
+
+Live traffic, the replay of an archive and an offline reprocessing all run this. Chunks come in the order of their
+receive times; what leaves depends on them alone. :meth:`Pipeline.advance` only makes sooner what the next chunk would
+bring.
+"""
+
+import pickle
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from plumbline import fusion
+from plumbline.alerts import lifecycle, rules
+from plumbline.config import Mode, StationSettings
+from plumbline.epochs.assembler import EpochAssembler
+from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
+from plumbline.gps_time import NS_PER_S
+from plumbline.positioning import ppp
+from plumbline.positioning.broadcast_source import BroadcastSource
+from plumbline.positioning.facts import StationFacts
+from plumbline.positioning.satellites import SatelliteSource
+from plumbline.positioning.state import PppState
+from plumbline.records import (
+    UNKNOWN_CHANNEL,
+    AntennaDescription,
+    Epoch,
+    InertialBlock,
+    Output,
+    Solution,
+    StationStatus,
+    Threshold,
+)
+from plumbline.rtcm3 import DecodedMessage, InertialMessage, Message, Observations
+from plumbline.rtcm3.station import describe
+from plumbline.signals import System
+
+__all__ = ["Books", "NavigationFeed", "Pipeline"]
+
+_STATUS_INTERVAL_NS: Final = NS_PER_S
+_HELD_SPAN_NS: Final = 60 * NS_PER_S  # how long observations wait for an ephemeris to tell their week
+
+
+@dataclass(slots=True)
+class PipelineState:
+    """Everything that a station carries from chunk to chunk: what a checkpoint holds."""
+
+    decoder: StreamDecoder
+    assemblers: dict[int, EpochAssembler] = field(default_factory=dict)  # by RTCM station id
+    books: Books = field(default_factory=Books)  # from the station's own stream
+    description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
+    position: PppState = field(default_factory=PppState)
+    motion: fusion.FusionState | None = None
+    alerts: lifecycle.AlertsState = field(default_factory=lifecycle.AlertsState)
+    held: list[tuple[Observations, int]] = field(default_factory=list)
+    counters: Counter[str] = field(default_factory=Counter)
+    last_solution: Solution | None = None
+    t_last_data_ns: int | None = None  # receive time of the last decoded observations
+    t_last_status_ns: int = 0
+    connection: str = ""  # the last connection event, in words
+
+
+class Pipeline:
+    """One station. ``books`` are shared; ``source``, where given, replaces them (precise products, offline)."""
+
+    def __init__(
+        self,
+        settings: StationSettings,
+        thresholds: Sequence[Threshold],
+        books: Books,
+        source: SatelliteSource | None = None,
+        facts: StationFacts | None = None,
+    ) -> None:
+        self.settings = settings
+        self.thresholds = tuple(thresholds)
+        self._shared = books
+        self._facts = facts or _facts(settings)
+        self._deadline_ns = round(settings.epoch_deadline_s * NS_PER_S)
+        self.state = PipelineState(StreamDecoder(settings.device.inertial_message))
+        self._given_source = source
+        self._source = source or self._books_source()
+
+    # ---------------------------------------------------------------------------------------- inputs
+
+    def receive(self, data: bytes, t_receive_ns: int) -> list[Output]:
+        """Take the next bytes of the station's own stream, received at a time; return all that they bring."""
+        outputs = self._advance_epochs(t_receive_ns)
+        for message in self.state.decoder.receive(data):
+            outputs += self._message(message, t_receive_ns)
+        return outputs + self._status(t_receive_ns)
+
+    def advance(self, t_receive_ns: int) -> list[Output]:
+        """Time passes without data: close epochs that wait too long, and notice silence."""
+        return self._advance_epochs(t_receive_ns) + self._status(t_receive_ns)
+
+    def finish(self, t_receive_ns: int) -> list[Output]:
+        """The stream has ended for good (a file): close what is open."""
+        outputs = self._release_held()
+        for assembler in self.state.assemblers.values():
+            outputs += [o for epoch in assembler.flush() for o in self.process_epoch(epoch)]
+        return outputs + self._status(t_receive_ns)
+
+    def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
+        """The device connected, went or was refused: words for the status, no influence on the series."""
+        self.state.connection = f"{kind}: {reason}" if reason else kind
+        self.state.t_last_status_ns = 0
+        return self._status(t_receive_ns)
+
+    # ---------------------------------------------------------------------------------------- checkpoint
+
+    def snapshot(self) -> bytes:
+        """The state, to be restored by :meth:`restore` of the same version."""
+        return pickle.dumps(self.state, protocol=pickle.HIGHEST_PROTOCOL)
+
+    @classmethod
+    def restore(
+        cls, settings: StationSettings, thresholds: Sequence[Threshold], books: Books, snapshot: bytes
+    ) -> "Pipeline":
+        """A pipeline that carries on where the snapshot was taken; one that cannot be read gives a fresh start."""
+        pipeline = cls(settings, thresholds, books)
+        try:
+            state = pickle.loads(snapshot)
+        except Exception as error:
+            pipeline.state.counters[f"checkpoint_not_readable_{type(error).__name__}"] += 1
+            return pipeline
+        if isinstance(state, PipelineState):
+            pipeline.state = state
+            pipeline._source = pipeline._books_source()
+        return pipeline
+
+    # ---------------------------------------------------------------------------------------- the flow
+
+    def _message(self, message: DecodedMessage, t_receive_ns: int) -> list[Output]:
+        if isinstance(message, Observations):
+            return self._observations(message, t_receive_ns)
+        if isinstance(message, InertialMessage):
+            return self._inertial(message.block(self._near(t_receive_ns), t_receive_ns))
+        if self.state.books.learn(message, t_receive_ns):
+            return self._release_held() if self.state.books.time_base.known else []
+        if isinstance(message, Message):
+            self.state.description = describe(self.state.description, message)
+        return []
+
+    def _near(self, t_receive_ns: int) -> int:
+        """A time within half a week of what the stream means: by its own ephemerides, else by the shared ones."""
+        own, shared = self.state.books.time_base, self._shared.time_base
+        return (shared if shared.known and not own.known else own).near(t_receive_ns)
+
+    def _observations(self, message: Observations, t_receive_ns: int) -> list[Output]:
+        """Hold observations back until an ephemeris tells their week; without one no position is lost by it."""
+        self.state.t_last_data_ns = t_receive_ns
+        if self.state.books.time_base.known or self._shared.time_base.known:
+            return self._release_held() + self._assemble(message, t_receive_ns)
+        self.state.held.append((message, t_receive_ns))
+        first, first_receive_ns = self.state.held[0]
+        span_ns = message.t_gps_ns(t_receive_ns) - first.t_gps_ns(first_receive_ns)
+        return self._release_held() if abs(span_ns) > _HELD_SPAN_NS else []
+
+    def _release_held(self) -> list[Output]:
+        held, self.state.held = self.state.held, []
+        return [output for message, t_receive_ns in held for output in self._assemble(message, t_receive_ns)]
+
+    def _assemble(self, message: Observations, t_receive_ns: int) -> list[Output]:
+        if self._antenna_is_other(message.station):
+            return []
+        assembler = self.state.assemblers.get(message.station)
+        if assembler is None:
+            assembler = self.state.assemblers[message.station] = EpochAssembler(self._deadline_ns)
+        self._tell_channels(assembler, message, t_receive_ns)
+        epochs = assembler.receive(message, message.t_gps_ns(self._near(t_receive_ns)), t_receive_ns)
+        return [output for epoch in epochs for output in self.process_epoch(epoch)]
+
+    def _tell_channels(self, assembler: EpochAssembler, message: Observations, t_receive_ns: int) -> None:
+        """GLONASS phases need their channel: where the message does not tell it, an ephemeris does."""
+        if message.system is not System.GLONASS:
+            return
+        unknown = np.unique(message.satellite[message.glonass_channel == UNKNOWN_CHANNEL])
+        for satellite, channel in zip(unknown, self._source.glonass_channels(t_receive_ns, unknown), strict=True):
+            if channel != UNKNOWN_CHANNEL:
+                assembler.learn_channel(int(satellite), int(channel))
+
+    def _antenna_is_other(self, rtcm_station: int) -> bool:
+        """Positions are of the first antenna: the first of the settings' station ids, or the first one seen."""
+        wanted = self.settings.device.rtcm_station_ids[:1] or tuple(self.state.assemblers)[:1]
+        if not wanted or rtcm_station == wanted[0]:
+            return False
+        self.state.counters[f"observations_of_other_antenna_{rtcm_station}"] += 1
+        return True
+
+    def _advance_epochs(self, t_receive_ns: int) -> list[Output]:
+        epochs = [e for a in self.state.assemblers.values() for e in a.advance(t_receive_ns)]
+        return [output for epoch in epochs for output in self.process_epoch(epoch)]
+
+    def process_epoch(self, epoch: Epoch) -> list[Output]:
+        """Position one epoch, whichever way it came, and pass the solution on."""
+        self.state.t_last_data_ns = epoch.t_receive_ns
+        self.state.position, solution = ppp.step(
+            self.state.position, epoch, self._source, self.settings.positioning, self._facts
+        )
+        self.state.last_solution = solution
+        outputs: list[Output] = [solution]
+        result = fusion.receive_solution(self._motion_state(), solution, self.settings.fusion)
+        self.state.motion = result.state
+        return self._with_alerts(outputs + list(result.motions))
+
+    def _inertial(self, block: InertialBlock) -> list[Output]:
+        if self.settings.mode is not Mode.PPP_ACCEL:
+            self.state.counters["inertial_not_used_in_this_mode"] += 1
+            return []
+        result = fusion.receive_inertial(self._motion_state(), block, self.settings.fusion)
+        self.state.motion = result.state
+        return self._with_alerts(list(result.motions))
+
+    def receive_inertial(self, block: InertialBlock) -> list[Output]:
+        """Take samples that are already a record (from a file)."""
+        return self._inertial(block)
+
+    def _motion_state(self) -> fusion.FusionState:
+        if self.state.motion is None:
+            reference = self.settings.reference_position_ecef_m or self.state.position.reference_position_ecef_m
+            self.state.motion = fusion.initial_state(self.settings.station, reference)
+        return self.state.motion
+
+    def _with_alerts(self, outputs: list[Output]) -> list[Output]:
+        events: list[Output] = []
+        for output in outputs:
+            self.state.alerts, raised = rules.evaluate(self.state.alerts, self.thresholds, output)
+            events += raised
+        return outputs + events
+
+    # ---------------------------------------------------------------------------------------- status
+
+    def _status(self, t_receive_ns: int) -> list[Output]:
+        """About once a second of receive time: what an operator should know."""
+        if t_receive_ns - self.state.t_last_status_ns < _STATUS_INTERVAL_NS:
+            return []
+        self.state.t_last_status_ns = t_receive_ns
+        solution = self.state.last_solution
+        name, reason = self._health(t_receive_ns)
+        status = StationStatus(
+            station=self.settings.station,
+            t_receive_ns=t_receive_ns,
+            state=name,
+            reason=reason,
+            last_epoch_gps_ns=solution.t_gps_ns if solution else None,
+            solution_status=solution.status if solution else None,
+            n_satellites=solution.n_satellites if solution else 0,
+            counters=self.counters,
+        )
+        return self._with_alerts([status])
+
+    def _health(self, t_receive_ns: int) -> tuple[str, str]:
+        """State and reason: receiving means decoded observations, not an open socket."""
+        t_data_ns = self.state.t_last_data_ns
+        if t_data_ns is None:
+            return "waiting", self._why_waiting()
+        silent_s = (t_receive_ns - t_data_ns) / NS_PER_S
+        if silent_s > self.settings.silent_after_s:
+            ending = f"; {self.state.connection}" if self.state.connection else ""
+            return "silent", f"no observations for {silent_s:.0f} s{ending}"
+        if self.state.last_solution is None:
+            return "receiving", "waiting for an ephemeris: the stream has not sent one yet"
+        return "receiving", self.state.last_solution.reason
+
+    def _why_waiting(self) -> str:
+        counters = self.counters
+        if counters:
+            told = ", ".join(f"{name} {n}" for name, n in sorted(counters.items()))
+            return f"no observation message yet; not used: {told}"
+        return self.state.connection or "no data yet"
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What was not used, by reason, of all stages."""
+        total = Counter(self.state.counters)
+        total.update(self.state.decoder.counters)
+        total.update(self.state.books.counters)
+        for assembler in self.state.assemblers.values():
+            total.update(assembler.counters)
+        if self.state.motion is not None:
+            total.update(self.state.motion.counters)
+        return dict(total)
+
+    def _books_source(self) -> SatelliteSource:
+        """Orbits and clocks from the station's own stream first, then from the shared ones."""
+        own, shared = self.state.books, self._shared
+        return BroadcastSource(
+            (own.ephemerides, shared.ephemerides), (own.corrections, shared.corrections), self.settings.positioning
+        )
+
+
+def _facts(settings: StationSettings) -> StationFacts:
+    return StationFacts(
+        station=settings.station,
+        reference_position_ecef_m=settings.reference_position_ecef_m,
+        antenna_offset_enu_m=(0.0, 0.0, settings.antenna_height_m),
+        ocean_loading_blq=settings.ocean_loading_blq,
+    )
