@@ -70,8 +70,11 @@ class FusionSettings(_Frozen):
     rotation_enu_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     inertial_time_offset_s: float = Field(0.0, ge=-10, le=10)  # added to the samples' time stamps
     acceleration_noise_m_s2_sqrt_hz: float = Field(2.6e-4, gt=0)  # two-sided; SCA3300: 37 µg/√Hz one-sided
-    shaking_noise_sqrt_s: float = Field(3.0e-3, ge=0)  # added in proportion to the acceleration: gain, axes, tilt
+    shaking_noise_sqrt_s: float = Field(
+        2.0e-3, ge=0
+    )  # times the acceleration, added to its noise: gain and axis errors
     baseline_drift_m_s2_sqrt_s: float = Field(1.0e-5, gt=0)
+    shaking_drift_sqrt_hz: float = Field(5.0e-5, ge=0)  # times the acceleration, added to the drift: shaking tilts
     coasting_noise_m_s2_sqrt_hz: float = Field(0.05, gt=0)  # acceleration that nobody measures, without samples
     displacement_sigma_m: Vector3 | None = None  # None: the solution's own covariance
     innovation_gate_sigma: float = Field(6.0, gt=0)  # a solution further off its prediction is refused

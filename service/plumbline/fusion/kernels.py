@@ -1,7 +1,7 @@
 """The multirate filter's sample loop (Wang 2023, eqs 3-5), compiled.
 
-State (9,): displacement m, velocity m/s, baseline m/s², each east, north, up. With I the 3 × 3 identity, A couples equal
-axes only, so A P Aᵀ is done as row and column additions instead of matrix products.
+State (9,): displacement m, velocity m/s, baseline m/s², each east, north, up. With I the 3 × 3 identity, A couples
+equal axes only, so A P Aᵀ is done as row and column additions instead of matrix products.
 """
 
 import math
@@ -43,10 +43,11 @@ def add_process_noise(p: Floats, t: float, q_a: float, q_u: float) -> None:
 
 
 @njit(cache=True)
-def step_driven(x: Floats, p: Floats, acceleration: Floats, t: float, q_a: float, shaking: float, q_u: float) -> None:
+def step_driven(x: Floats, p: Floats, acceleration: Floats, t: float, noise: Floats) -> None:
     """One step of ``t`` s in place, eqs 3-5, driven by an acceleration (3,) m/s² held through it.
 
-    q_a grows by (``shaking`` × acceleration)²: gain, axis and tilt errors of a sensor are in proportion to what it feels.
+    While it shakes, q_a grows by (``noise[1]`` × acceleration)², since gain and axis errors are in proportion to what a
+    sensor feels, and q_u by (``noise[3]`` × acceleration)², since strong shaking tilts it (Boore 2001, BSSA 91(5)).
     """
     squared = 0.0
     for i in range(3):
@@ -55,12 +56,14 @@ def step_driven(x: Floats, p: Floats, acceleration: Floats, t: float, q_a: float
         x[i] += t * x[3 + i] + 0.5 * t * t * true
         x[3 + i] += t * true
     transition_covariance(p, t, t)
-    add_process_noise(p, t, q_a + shaking * shaking * squared, q_u)
+    add_process_noise(p, t, noise[0] + noise[1] ** 2 * squared, noise[2] + noise[3] ** 2 * squared)
 
 
 @njit(cache=True)
 def step_coasting(x: Floats, p: Floats, t: float, q_coasting: float, q_u: float) -> None:
-    """One step of ``t`` s in place without a sample: uniform motion, the acceleration is noise of density ``q_coasting``."""
+    """One step of ``t`` s in place without a sample: uniform motion, the acceleration is noise of density
+    ``q_coasting``.
+    """
     for i in range(3):
         x[i] += t * x[3 + i]
     transition_covariance(p, t, 0.0)
@@ -73,9 +76,10 @@ def propagate(
 ) -> None:
     """Take ``x`` (9,), ``p`` (9, 9) and ``last`` (3,), in place, through ``samples`` (n, 3) m/s², NaN missing.
 
-    The acceleration of a step is the mean of the samples at its ends (eq. 3's a_k; a sample held from its instant on would
-    delay the motion by half a step). ``last`` is the sample before, at ``first_step_s`` before the first; a first step of
-    0 s moves nothing. ``noise``: q_a, shaking, q_u, q_coasting. ``out`` (n, 12): a row after each step.
+    The acceleration of a step is the mean of the samples at its ends (eq. 3's a_k; a sample held from its instant on
+    would delay the motion by half a step). ``last`` is the sample before, at ``first_step_s`` before the first; a
+    first step of 0 s moves nothing. ``noise`` (5,): q_a, shaking noise, q_u, shaking drift, q_coasting. ``out`` (n,
+    12): a row after each step.
     """
     mean = np.empty(3)
     for k in range(samples.shape[0]):
@@ -86,9 +90,9 @@ def propagate(
             for i in range(3):
                 mean[i] = samples[k, i] if held else 0.5 * (last[i] + samples[k, i])
             if t > 0.0:
-                step_driven(x, p, mean, t, noise[0], noise[1], noise[2])
+                step_driven(x, p, mean, t, noise)
         else:
-            step_coasting(x, p, t, noise[3], noise[2])
+            step_coasting(x, p, t, noise[4], noise[2])
         for i in range(3):
             last[i] = samples[k, i]
             out[k, i] = x[i]

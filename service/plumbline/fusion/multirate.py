@@ -1,12 +1,13 @@
 """Wang 2023, eqs 1-8, live: GNSS displacements and inertial samples, each as it comes, to blocks of motion.
 
-State: displacement, velocity, baseline (eq. 1); the acceleration drives (eq. 3), a solution's displacement measures (eq. 2,
-with R its covariance at its epoch: r/t_d). The three axes meet only in the covariance of the solution.
+State: displacement, velocity, baseline (eq. 1); the acceleration drives (eq. 3), a solution's displacement measures
+(eq. 2, with R its covariance at its epoch: r/t_d). The three axes meet only in the covariance of the solution.
 
-A solution belongs to its own time. If the samples have passed it, the second it lies in and all after it are run again from
-the node kept at that second's entry, so the outcome is the one of an input in order. Blocks are published when their last
-sample is in, and once more, with a higher revision, when the solution that belongs to them has come (not for every
-solution before it, though those too change them: a block that no solution followed is revised with the next one).
+A solution belongs to its own time. If the samples have passed it, the second it lies in and all after it are run
+again from the node kept at that second's entry, so the outcome is the one of an input in order. Blocks are published
+when their last sample is in, and once more, with a higher revision, when the solution that belongs to them has come
+(not for every solution before it, though those too change them: a block that no solution followed is revised with the
+next one).
 
 The reported sigma of a displacement adds the variance of the last solution to the filter's: the error of GNSS is slow
 (orbits, troposphere, multipath; minutes), so it passes the filter, which averages only what changes between epochs.
@@ -56,7 +57,9 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
 
 
 def receive_solution(state: FusionState, solution: Solution, settings: FusionSettings) -> FusionResult:
-    """Apply a solution at its own time; blocks that it changes leave again. One without a usable position is counted."""
+    """Apply a solution at its own time; blocks that it changes leave again. One without a usable position is
+    counted.
+    """
     refusal = _why_not(state, solution)
     if refusal:
         return _unused(replace(state, no_solution=solution.reason or solution.status.value), refusal)
@@ -82,7 +85,9 @@ def receive_solution(state: FusionState, solution: Solution, settings: FusionSet
 
 
 def _acceleration_enu(state: FusionState, values: Floats, settings: FusionSettings) -> tuple[FusionState, Floats]:
-    """Samples turned from sensor axes to ENU, gravity taken off the vertical; impossible ones become NaN and are counted."""
+    """Samples turned from sensor axes to ENU, gravity taken off the vertical; impossible ones become NaN and are
+    counted.
+    """
     rotation = np.array(settings.rotation_enu_from_sensor)
     possible = (np.abs(values) < IMPOSSIBLE_ACCELERATION_M_S2).all(axis=1)
     turned = values @ rotation.T
@@ -135,28 +140,28 @@ def _filled(
 def _why_not(state: FusionState, solution: Solution) -> str:
     """Why a solution cannot be used; empty if it can."""
     z, r = solution.displacement_enu_m, solution.covariance_enu_m2
-    if not solution.status.has_position:
+    if not solution.status.has_position or solution.status is Status.SINGLE_POINT:
         return f"solution_{solution.status.value}"
-    if solution.status is Status.SINGLE_POINT:
-        return "solution_single_point"
     if z is None or r is None:
         return "solution_without_displacement"
     if not (np.isfinite(z).all() and np.isfinite(r).all() and np.linalg.eigvalsh(0.5 * (r + r.T)).min() > 0.0):
         return "solution_covariance_not_positive"
     if any(m.t_gps_ns == solution.t_gps_ns for m in state.measurements):
         return "solution_repeated"
-    if state.seconds and solution.t_gps_ns < state.seconds[0].second * NS_PER_S:
-        return "solution_too_late"
-    return ""
+    too_late = state.seconds and solution.t_gps_ns < state.seconds[0].second * NS_PER_S
+    return "solution_too_late" if too_late else ""
 
 
 def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
-    assert solution.displacement_enu_m is not None and solution.covariance_enu_m2 is not None
-    covariance = 0.5 * (solution.covariance_enu_m2 + solution.covariance_enu_m2.T)
+    covariance = np.array(solution.covariance_enu_m2)
     if settings.displacement_sigma_m is not None:
         covariance = np.diag(np.array(settings.displacement_sigma_m) ** 2)
     return Measurement(
-        solution.t_gps_ns, solution.t_receive_ns, np.array(solution.displacement_enu_m), covariance, solution.status
+        solution.t_gps_ns,
+        solution.t_receive_ns,
+        np.array(solution.displacement_enu_m),
+        0.5 * (covariance + covariance.T),
+        solution.status,
     )
 
 
@@ -231,7 +236,9 @@ def _publish(
     settings: FusionSettings,
     rows_from_ns: int = 0,
 ) -> tuple[FusionState, list[Motion]]:
-    """Blocks of the complete seconds ``first`` … ``last`` (of GNSS alone: rows from ``rows_from_ns`` on, and any second)."""
+    """Blocks of the complete seconds ``first`` … ``last`` (of GNSS alone: rows from ``rows_from_ns`` on, and any
+    second).
+    """
     motions: list[Motion] = []
     seconds = list(state.seconds)
     for i, s in enumerate(seconds):

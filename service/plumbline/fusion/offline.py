@@ -1,4 +1,6 @@
-"""The multirate filter over recorded series: the same functions as live, fed in the order in which the data would come."""
+"""The multirate filter over recorded series: the same functions as live, fed in the order in which the data would
+come.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +21,9 @@ DEFAULT_SIGMA_M = (0.005, 0.005, 0.010)  # of a converged kinematic PPP's epoch,
 
 @dataclass(frozen=True, slots=True)
 class FusedSeries:
-    """Motion at the accelerometer's rate, (n,) and (n, 3) ENU, and what the filter thought of each solution that it met."""
+    """Motion at the accelerometer's rate, (n,) and (n, 3) ENU, and what the filter thought of each solution that it
+    met.
+    """
 
     t_gps_ns: Times
     displacement_enu_m: Floats
@@ -56,20 +60,17 @@ def fuse_series(
     """Fuse a displacement series (n,), (n, 3) ENU m with samples (m, 3) m/s² in sensor axes, NaN missing.
 
     ``sigma_displacement_m`` is (3,) or (n, 3). Solutions where ``withheld`` (n,) is true are kept from the filter.
-    ``gravity_removed``: the vertical samples read about zero at rest, as seismologists' do. ``progress`` is called with the
-    number of seconds done since the last call.
+    ``gravity_removed``: the vertical samples read about zero at rest, as seismologists' do. ``progress`` is called
+    with the number of seconds done since the last call.
     """
     state = initial_state(station, reference_position_ecef_m)
     upwards = np.array(settings.rotation_enu_from_sensor)[2]
     force = specific_force_m_s2 + (state.gravity_m_s2 * upwards if gravity_removed else 0.0)
     sigma = np.broadcast_to(np.asarray(sigma_displacement_m, float), displacement_enu_m.shape)
-    used = np.isfinite(displacement_enu_m).all(axis=1)
-    if withheld is not None:
-        used &= ~withheld
+    kept = np.ones(len(displacement_enu_m), np.bool_) if withheld is None else ~withheld
+    used = kept & np.isfinite(displacement_enu_m).all(axis=1)
     solutions = [
-        _solution(station, int(t), displacement_enu_m[i], sigma[i])
-        for i, t in enumerate(t_solution_gps_ns)
-        if used[i]
+        _solution(station, int(t), displacement_enu_m[i], sigma[i]) for i, t in enumerate(t_solution_gps_ns) if used[i]
     ]
     blocks = list(_second_blocks(t_first_sample_gps_ns, sample_interval_ns, force))
     return _run(state, solutions, blocks, settings, progress)
@@ -84,13 +85,16 @@ def _run(
 ) -> FusedSeries:
     motions: dict[int, Motion] = {}
     innovations: list[Innovation] = []
-    for record in sorted([*solutions, *blocks], key=lambda r: (r.t_receive_ns, isinstance(r, InertialBlock))):
-        receive = receive_solution if isinstance(record, Solution) else receive_inertial
-        state, published, met = receive(state, record, settings)  # type: ignore[operator]
+    records: list[Solution | InertialBlock] = [*solutions, *blocks]
+    for record in sorted(records, key=lambda r: (r.t_receive_ns, isinstance(r, InertialBlock))):
+        if isinstance(record, Solution):
+            state, published, met = receive_solution(state, record, settings)
+        else:
+            state, published, met = receive_inertial(state, record, settings)
+            if progress is not None:
+                progress(1)
         motions |= {m.t_first_gps_ns: m for m in published}
         innovations += met
-        if progress is not None and isinstance(record, InertialBlock):
-            progress(1)
     ordered = [motions[t] for t in sorted(motions)]
     return _joined(ordered, innovations, state)
 

@@ -10,7 +10,6 @@ from plumbline.epochs.time_matching import grid_time_ns, nearest_grid_index
 from plumbline.estimation.kalman import cholesky_lower, lower_inverse
 from plumbline.fusion.kernels import OUTPUTS, propagate, step_coasting
 from plumbline.fusion.state import BASELINE, DISPLACEMENT, N_STATES, VELOCITY, Innovation, Measurement, Node, Second
-from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Status
 
 UNKNOWN_VELOCITY_SIGMA_M_S: Final = 0.1  # a structure, most of the time, stands
@@ -51,12 +50,13 @@ def _opened(node: Node) -> _Filter:
 
 
 def noise_of(settings: FusionSettings) -> Floats:
-    """q_a m²/s³, shaking √s, q_u m²/s⁵, q_coasting m²/s³, as the kernel takes them."""
+    """q_a m²/s³, shaking noise √s, q_u m²/s⁵, shaking drift 1/√s, q_coasting m²/s³, as the kernel takes them."""
     return np.array(
         [
             settings.acceleration_noise_m_s2_sqrt_hz**2,
             settings.shaking_noise_sqrt_s,
             settings.baseline_drift_m_s2_sqrt_s**2,
+            settings.shaking_drift_sqrt_hz,
             settings.coasting_noise_m_s2_sqrt_hz**2,
         ]
     )
@@ -113,7 +113,7 @@ def _run_without_samples(second: Second, measurements: list[Measurement], settin
     noise = noise_of(settings)
     for i, m in enumerate(measurements):
         if f.t_gps_ns is not None and m.t_gps_ns > f.t_gps_ns:
-            step_coasting(f.x, f.p, (m.t_gps_ns - f.t_gps_ns) * 1e-9, noise[3], noise[2])
+            step_coasting(f.x, f.p, (m.t_gps_ns - f.t_gps_ns) * 1e-9, noise[4], noise[2])
         f.t_gps_ns = max(m.t_gps_ns, f.t_gps_ns or m.t_gps_ns)
         innovation = _meet(f, m, 0.0, np.zeros((0, 3)), 0, settings)
         innovations += [innovation] if innovation else []

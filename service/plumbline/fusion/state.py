@@ -23,8 +23,9 @@ BASELINE: Final = slice(6, 9)  # m/s², ENU: what the accelerometer reads at res
 class Node:
     """The filter at one instant.
 
-    Until the first solution (``t_solution_gps_ns`` None) the structure is taken to stand still: the baseline is the mean of
-    the samples, ``baseline_samples`` counts them (0: no baseline known), and displacement, velocity and ``p`` mean nothing.
+    Until the first solution (``t_solution_gps_ns`` None) the structure is taken to stand still: the baseline is the
+    mean of the samples, ``baseline_samples`` counts them (0: no baseline known), and displacement, velocity and ``p``
+    mean nothing.
     """
 
     t_gps_ns: int | None
@@ -99,14 +100,18 @@ class FusionState:
 
 
 class FusionResult(NamedTuple):
-    """State, blocks to publish (a higher revision replaces a lower), innovations of solutions used for the first time."""
+    """State, blocks to publish (a higher revision replaces a lower), innovations of solutions used for the first
+    time.
+    """
 
     state: FusionState
     motions: list[Motion]
     innovations: list[Innovation]
 
 
-def initial_state(station: str, reference_position_ecef_m: Floats | tuple[float, ...] | None = None) -> FusionState:
+def initial_state(
+    station: str, reference_position_ecef_m: Floats | tuple[float, float, float] | None = None
+) -> FusionState:
     """A station's fusion before any input; gravity is the normal gravity at the reference position, if known."""
     node = Node(None, np.zeros(N_STATES), np.zeros((N_STATES, N_STATES)), np.full(3, np.nan))
     return FusionState(station, gravity_at_m_s2(reference_position_ecef_m), node)

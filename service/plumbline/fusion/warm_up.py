@@ -11,5 +11,5 @@ def warm_up() -> None:
     """Compile (or load from the cache) every kernel that a live station uses."""
     samples = np.zeros((2, 3))
     p = np.eye(N_STATES)
-    propagate(np.zeros(N_STATES), p, np.zeros(3), samples, 0.01, 0.01, np.ones(4), np.empty((2, OUTPUTS)))
+    propagate(np.zeros(N_STATES), p, np.zeros(3), samples, 0.01, 0.01, np.ones(5), np.empty((2, OUTPUTS)))
     gravity_at_m_s2((6_378_137.0, 0.0, 0.0))
