@@ -11,14 +11,17 @@ from typing import Final
 
 import numpy as np
 
-from plumbline.constants import SPEED_OF_LIGHT_M_S
-from plumbline.gnss.orbits_broadcast import broadcast_states, pack
+from plumbline.constants import BDT_BEHIND_GPST_S, SPEED_OF_LIGHT_M_S
+from plumbline.gnss.antenna import AntennaBook
+from plumbline.gnss.attitude import ORBIT_NORMAL, body_axes
+from plumbline.gnss.orbits_broadcast import N_COLUMNS, broadcast_states, pack
 from plumbline.gnss.orbits_precise import PreciseTables
 from plumbline.gnss.satellite_states import precise_states
 from plumbline.gnss.ssr_orbits import rotation_ecef_from_rac
-from plumbline.gps_time import NS_PER_S
-from plumbline.records import Ephemeris, Floats, GlonassEphemeris, Ints, SsrClock, SsrCodeBias, SsrHeader, SsrOrbit
-from plumbline.signals import System, satellite_id, signal_id, system_of
+from plumbline.gnss.sun_moon import sun_moon_ecef
+from plumbline.gps_time import NS_PER_S, gps_minus_utc_s
+from plumbline.records import Ephemeris, Floats, Ints, SatelliteIds, SsrClock, SsrCodeBias, SsrHeader, SsrOrbit
+from plumbline.signals import BAND_FREQUENCIES_HZ, System, signal_id, system_of
 
 #: Signals that analysis centres' clocks refer to: sent with a bias of zero (as `positioning.precise_source` has it).
 REFERENCE_SIGNALS: Final[dict[System, tuple[str, ...]]] = {
@@ -28,13 +31,19 @@ REFERENCE_SIGNALS: Final[dict[System, tuple[str, ...]]] = {
     System.BEIDOU: ("2I", "6I"),
     System.QZSS: ("1C", "2L"),
 }
-_MAX_RADIAL_M, _MAX_OTHER_M, _MAX_CLOCK_M = 209.7, 209.7, 209.7  # what DF365–DF367 and DF376 hold
-_AGE_NS: Final = 7200 * NS_PER_S
-_OLDEST_NS: Final = 4 * 3600 * NS_PER_S
+_BANDS: Final = {
+    System.GPS: (1, 2), System.GLONASS: (1, 2), System.GALILEO: (1, 5), System.BEIDOU: (2, 6), System.QZSS: (1, 2),
+}  # fmt: skip
+_LARGEST_M: Final = 209.7  # what DF365–DF367 and DF376 hold
+_WEEK_S: Final = 604_800
+#: How far from its reference time a broadcast set serves: beyond, its difference to the products bends too much in an
+#: update interval (GLONASS sets are renewed every 30 min, the others' every 10 min to 2 h).
+_REACH_NS: Final = {System.GLONASS: 2700 * NS_PER_S}
+_REACH_OF_OTHERS_NS: Final = 7200 * NS_PER_S
 
 #: Offsets of antenna phase centres from centres of mass, Earth-fixed metres (n, 3): satellite ids, GPS time, positions
 #: (n, 3) and velocities (n, 3).
-OffsetOf = Callable[[Ints, int, Floats, Floats], Floats]
+OffsetOf = Callable[[SatelliteIds, int, Floats, Floats], Floats]
 
 
 class EphemerisShelf:
@@ -50,7 +59,8 @@ class EphemerisShelf:
         return sorted(self._by_satellite)
 
     def current(self, satellite: int, t_gps_ns: int) -> Ephemeris | None:
-        """The last set transmitted by then; where that is none or older than two hours, the next if it is near."""
+        """The last set transmitted by then; where that is none or too old, the next one if it is near; else None."""
+        reach_ns = _REACH_NS.get(system_of(satellite), _REACH_OF_OTHERS_NS)
         past: Ephemeris | None = None
         coming: Ephemeris | None = None
         for ephemeris in self._by_satellite.get(satellite, ()):
@@ -59,11 +69,9 @@ class EphemerisShelf:
             else:
                 coming = ephemeris
                 break
-        if past is not None and t_gps_ns - past.toe_gps_ns <= _AGE_NS:
+        if past is not None and t_gps_ns - past.toe_gps_ns <= reach_ns:
             return past
-        if coming is not None and coming.toe_gps_ns - t_gps_ns <= _AGE_NS:
-            return coming
-        return past if past is not None and t_gps_ns - past.toe_gps_ns <= _OLDEST_NS else None
+        return coming if coming is not None and coming.toe_gps_ns - t_gps_ns <= reach_ns else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,35 +83,40 @@ class Correction:
 
 
 def corrections_at(
-    tables: PreciseTables,
-    ephemerides: Mapping[int, Ephemeris],
-    header: SsrHeader,
-    offset_of: OffsetOf | None = None,
+    tables: PreciseTables, ephemerides: Mapping[int, Ephemeris], header: SsrHeader, offset_of: OffsetOf | None = None
 ) -> Correction:
     """Corrections of one system's satellites over ``header``'s interval; satellites without products are left out."""
-    satellites = np.array(sorted(ephemerides), np.int16)
-    rows = np.array([pack(ephemerides[int(satellite)]) for satellite in satellites])
+    satellites: SatelliteIds = np.array(sorted(ephemerides), np.int16)
+    rows = np.array([pack(ephemerides[int(satellite)]) for satellite in satellites]).reshape(-1, N_COLUMNS)
     span_ns = max(round(header.update_interval_s * NS_PER_S), NS_PER_S)
     first = _difference(tables, satellites, rows, header.t_gps_ns, offset_of)
     last = _difference(tables, satellites, rows, header.t_gps_ns + span_ns, offset_of)
     rate = (last - first) / (span_ns / NS_PER_S)
     rate[np.isnan(rate)] = 0.0  # the last node of the products: constant from here on
     reference = first + rate * (0.5 * header.update_interval_s)
-    limits = (_MAX_RADIAL_M, _MAX_OTHER_M, _MAX_OTHER_M, _MAX_CLOCK_M)
-    keep = (np.abs(reference) < limits).all(axis=1)  # False where NaN
-    issue = np.array([_issue(ephemerides[int(satellite)]) for satellite in satellites[keep]], np.int64)
-    clock = np.column_stack([reference[keep, 3], rate[keep, 3], np.zeros(keep.sum())])
+    keep = (np.abs(reference) < _LARGEST_M).all(axis=1)  # False where NaN
+    return correction_of(header, {int(s): ephemerides[int(s)] for s in satellites[keep]}, reference[keep], rate[keep])
+
+
+def correction_of(
+    header: SsrHeader, ephemerides: Mapping[int, Ephemeris], reference: Floats, rate: Floats
+) -> Correction:
+    """Records of one system from radial, along, cross and clock (n, 4), m, at the reference time, and their rates."""
+    satellites: SatelliteIds = np.array(sorted(ephemerides), np.int16)
+    beidou = any(system_of(int(satellite)) is System.BEIDOU for satellite in satellites)
+    issue = np.array([_issue(ephemerides[int(satellite)]) for satellite in satellites], np.int64)
+    clock = np.column_stack([reference[:, 3], rate[:, 3], np.zeros(len(satellites))])
+    rule = "toe_8s" if beidou else "issue"
     return Correction(
-        SsrOrbit(header, satellites[keep], issue, reference[keep, :3], rate[keep, :3]),
-        SsrClock(header, satellites[keep], clock),
+        SsrOrbit(header, satellites, issue, reference[:, :3], rate[:, :3], rule), SsrClock(header, satellites, clock)
     )
 
 
 def _difference(
-    tables: PreciseTables, satellites: Ints, rows: Floats, t_gps_ns: int, offset_of: OffsetOf | None
+    tables: PreciseTables, satellites: SatelliteIds, rows: Floats, t_gps_ns: int, offset_of: OffsetOf | None
 ) -> Floats:
     """Broadcast minus precise orbit in radial, along, cross and precise minus broadcast clock, m: (n, 4)."""
-    times = np.full(len(satellites), t_gps_ns, np.int64)
+    times: Ints = np.full(len(satellites), t_gps_ns, np.int64)
     precise = precise_states(tables, satellites, times)
     broadcast = broadcast_states(rows, times)
     position = precise.position_ecef_m
@@ -118,10 +131,29 @@ def _difference(
 
 
 def _issue(ephemeris: Ephemeris) -> int:
-    """The issue that a correction names its broadcast set by, within its system's rule."""
-    if isinstance(ephemeris, GlonassEphemeris) or system_of(ephemeris.satellite) is not System.BEIDOU:
+    """The issue that a correction names its broadcast set by: its own, or BeiDou's toe in units of 8 s modulo 1024."""
+    if system_of(ephemeris.satellite) is not System.BEIDOU:
         return ephemeris.issue
-    return ephemeris.issue
+    return (ephemeris.toe_gps_ns // NS_PER_S - BDT_BEHIND_GPST_S) % _WEEK_S // 8 % 1024
+
+
+def phase_centre_offsets(book: AntennaBook) -> OffsetOf:
+    """Offsets of the phase centre of each system's reference pair's ionosphere-free combination; no variations."""
+
+    def offset_of(satellites: SatelliteIds, t_gps_ns: int, position: Floats, velocity: Floats) -> Floats:
+        sun, _ = sun_moon_ecef(t_gps_ns, gps_minus_utc_s(t_gps_ns))
+        out = np.zeros((len(satellites), 3))
+        for k, satellite in enumerate(satellites):
+            if np.isfinite(position[k]).all():
+                system = system_of(int(satellite))
+                first, second = _BANDS[system]
+                f1, f2 = (BAND_FREQUENCIES_HZ[system][str(band)] ** 2 for band in (first, second))
+                offset = book.satellite_offset_m[satellite]
+                axes = body_axes(position[k], velocity[k], sun, bool(ORBIT_NORMAL[satellite]))
+                out[k] = ((f1 * offset[first] - f2 * offset[second]) / (f1 - f2)) @ axes
+        return out
+
+    return offset_of
 
 
 def zero_code_biases(header: SsrHeader, satellites: Iterable[int]) -> SsrCodeBias:
@@ -134,9 +166,3 @@ def zero_code_biases(header: SsrHeader, satellites: Iterable[int]) -> SsrCodeBia
     ]
     ids = np.array(pairs, np.int16).reshape(-1, 2)
     return SsrCodeBias(header, ids[:, 0].copy(), ids[:, 1].copy(), np.zeros(len(pairs)))
-
-
-def of_system(system: System, satellites: Iterable[int]) -> list[int]:
-    """Those of a system, ascending."""
-    first = satellite_id(system, 1)
-    return sorted(satellite for satellite in satellites if first <= satellite < first + 64)
