@@ -27,6 +27,9 @@ MAX_AGE_S: Final = {
     System.BEIDOU: 21_600,
     System.NAVIC: 7500,
 }
+#: Corrections that name a set may go on with it for longer than it would serve alone (HAS does by an hour); GPS repeats
+#: an IODE after six hours at the earliest (IS-GPS-200, 20.3.4.4).
+_AGE_FACTOR_WITH_ISSUE: Final = 2
 
 
 class Match(IntEnum):
@@ -122,18 +125,20 @@ class EphemerisBook:
         """The set for a satellite at a time, from what had been received by ``as_of_receive_ns``.
 
         Without ``issue``: the one whose reference time is nearest, the later received of equals. ``message`` ("INAV",
-        "FNAV") is preferred to others that would do, not demanded.
+        "FNAV"; Galileo only) is preferred to the other that would do, not demanded.
         """
         kept = self._kept.get(satellite)
         if kept is None:
             return Choice(None, Match.NO_EPHEMERIS)
+        system = system_of(satellite)
+        message = message if system is System.GALILEO else None
         all_visible = kept.entries[-1].first_receive_ns <= as_of_receive_ns
         key = (message, issue, issue_rule)
         answer = kept.answers.get(key) if all_visible else None
         if answer is not None and answer[0] < t_gps_ns < answer[1]:
             return answer[2]
         visible = [entry for entry in kept.entries if entry.first_receive_ns <= as_of_receive_ns]
-        limit_ns = self.max_age_s[system_of(satellite)] * NS_PER_S
+        limit_ns = self.max_age_s[system] * NS_PER_S * (1 if issue is None else _AGE_FACTOR_WITH_ISSUE)
         lower, upper, choice = _choose(visible, t_gps_ns, limit_ns, issue, issue_rule, message)
         if all_visible:
             kept.answers[key] = (lower, upper, choice)
