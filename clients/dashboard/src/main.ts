@@ -1,7 +1,7 @@
 // The page: a card for every station, the alerts above them, one WebSocket for everything live.
 import "./style.css";
 import { AlertList } from "./alerts";
-import { listAlerts, listStations, stationStatus, type Station } from "./api";
+import { listAlerts, listStations, type Station } from "./api";
 import { StationCard } from "./station-card";
 import { LiveStream } from "./stream";
 
@@ -18,7 +18,7 @@ function show(station: Station): StationCard {
   host.querySelector(".empty")?.remove();
   host.append(card.element);
   card.mounted();
-  void stationStatus(station.station).then((status) => status && card.status(status));
+  card.status(station.status);
   return card;
 }
 
