@@ -103,7 +103,7 @@ def orbit_coefficients(position_ecef_m: Floats, step_ns: int) -> Floats:
     """Polynomials (m − 1, s, 3, N_NODES) of each interval from positions (m, s, 3) on an even grid.
 
     Where the centred window meets a gap or the end of the data, it is moved by up to ``MAX_SHIFT`` intervals: at 15
-    minutes' spacing that costs 2 mm up to four intervals, 5 mm at five (90 %; the eccentric E14 and E18 ten times that).
+    minutes' spacing that costs 2 mm up to four intervals, 5 mm at five (90 %; the eccentric E14, E18 ten times that).
     An interval still without a whole window is NaN.
     """
     m, s, _ = position_ecef_m.shape
