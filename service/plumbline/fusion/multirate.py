@@ -76,7 +76,8 @@ def receive_solution(state: FusionState, solution: Solution, settings: FusionSet
     state, runs, innovations = _run_from(state, start, settings)
     interval_ns = measurement.t_gps_ns - earlier if earlier is not None else DEFAULT_SOLUTION_INTERVAL_NS
     last = (measurement.t_gps_ns + interval_ns) // NS_PER_S - 1
-    state, motions = _publish(state, runs, start, last, solution.t_receive_ns, settings, measurement.t_gps_ns)
+    rows_from_ns = min([measurement.t_gps_ns, *(number * NS_PER_S for number in closed)])
+    state, motions = _publish(state, runs, start, last, solution.t_receive_ns, settings, rows_from_ns)
     stale = next((s.second for s in state.seconds if s.second > max(last, start - 1) and s.revision), None)
     return FusionResult(_trimmed(replace(state, stale_from=stale), settings), motions, innovations)
 

@@ -19,7 +19,8 @@ UNKNOWN_BASELINE_SIGMA_M_S2: Final = 1.0  # mounting: a tenth of g at most
 LEAST_BASELINE_SIGMA_M_S2: Final = 1.0e-3
 BASELINE_MEMORY_S: Final = 20.0  # standstill: how far back the mean of the samples reaches
 BASELINE_CORRELATION_S: Final = 1.0  # the shaking that the mean averages over is this slow
-LOST_SIGMA_M: Final = 1.0  # a displacement this uncertain is none
+LOST_SIGMA_M: Final = 2.0  # a displacement this uncertain is none
+FORGOTTEN_SIGMA_M: Final = 100.0  # a solution after this is a new start (beyond it, the covariance would lose digits)
 
 
 class Run(NamedTuple):
@@ -124,7 +125,7 @@ def _run_without_samples(second: Second, measurements: list[Measurement], settin
 
 def _closed(f: _Filter, rate: int) -> Node:
     """The node at the end of a second; a displacement that has become worthless is given up, the baseline kept."""
-    if f.node.t_solution_gps_ns is not None and _is_lost(f.p):
+    if f.node.t_solution_gps_ns is not None and _exceeds(f.p, LOST_SIGMA_M):
         f.node = replace(
             f.node,
             t_solution_gps_ns=None,
@@ -138,8 +139,8 @@ def _closed(f: _Filter, rate: int) -> Node:
     return f.frozen()
 
 
-def _is_lost(p: Floats) -> bool:
-    return bool(p.diagonal()[DISPLACEMENT].max() > LOST_SIGMA_M**2)
+def _exceeds(p: Floats, sigma_m: float) -> bool:
+    return bool(p.diagonal()[DISPLACEMENT].max() > sigma_m**2)
 
 
 # ------------------------------------------------------------------------------------------- baseline at standstill
@@ -187,7 +188,8 @@ def _meet(
     f: _Filter, m: Measurement, delta_s: float, samples: Floats, rate: int, settings: FusionSettings
 ) -> Innovation | None:
     """Start from a solution, or update with it, or refuse it; None where there was no prediction to compare with."""
-    if f.node.t_solution_gps_ns is None or _is_lost(f.p):
+    since_ns = f.node.t_solution_gps_ns
+    if since_ns is None or _exceeds(f.p, FORGOTTEN_SIGMA_M):
         _start(f, m, rate)
         return None
     innovation, gain, h = _predict_innovation(f, m, delta_s)
@@ -197,21 +199,25 @@ def _meet(
     reason = f"GNSS is {np.linalg.norm(innovation.innovation_enu_m):.3f} m off the motion's prediction"
     f.node = replace(f.node, refusals=f.node.refusals + 1, refusal=reason)
     if f.node.refusals >= settings.max_refusals:
+        elapsed_s = (m.t_gps_ns - since_ns) * 1e-9
         f.node = replace(f.node, baseline_samples=0, t_solution_gps_ns=None)
         f.node = _with_baseline(replace(f.node, x=f.x, p=f.p), samples, rate)
         f.x = f.node.x.copy()
-        _start(f, m, rate)
+        _start(f, m, rate, np.abs(innovation.innovation_enu_m) / max(elapsed_s, 1.0))
     return replace(innovation, applied=False, reason=reason)
 
 
-def _start(f: _Filter, m: Measurement, rate: int) -> None:
-    """Begin at a solution: displacement as measured, velocity about zero, the baseline of the standstill."""
+def _start(f: _Filter, m: Measurement, rate: int, missed_velocity_m_s: Floats | float = 0.0) -> None:
+    """Begin at a solution: displacement as measured, velocity about zero, the baseline of the standstill.
+
+    ``missed_velocity_m_s`` (3,): a velocity that solutions refused so far speak of.
+    """
     if f.node.baseline_samples == 0:
         f.x[BASELINE] = 0.0
     f.x[DISPLACEMENT], f.x[VELOCITY] = m.displacement_enu_m, 0.0
     f.p[:] = 0.0
     f.p[DISPLACEMENT, DISPLACEMENT] = m.covariance_enu_m2
-    f.p[VELOCITY, VELOCITY] = np.diag(_start_velocity_variance(f.node))
+    f.p[VELOCITY, VELOCITY] = np.diag(_start_velocity_variance(f.node) + missed_velocity_m_s**2)
     f.p[BASELINE, BASELINE] = np.diag(_baseline_variance(f.node, rate))
     _accept(f, m)
 
