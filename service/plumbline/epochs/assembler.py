@@ -182,6 +182,7 @@ class EpochAssembler:
         signal = np.concatenate([p.signal for p in parts])
         order = np.lexsort((signal, satellite))
         satellite, signal = satellite[order], signal[order]
+        phase_range_m = np.concatenate([p.phase_range_m for p in parts])[order]
         channel = np.concatenate([p.glonass_channel for p in parts])[order]
         channel = self._channels(satellite, channel)
         frequency_hz = FREQUENCY_HZ[signal] + channel * CHANNEL_STEP_HZ[signal]
@@ -193,12 +194,7 @@ class EpochAssembler:
             satellite=satellite,
             signal=signal,
             pseudorange_m=np.concatenate([p.pseudorange_m for p in parts])[order],
-            carrier_phase_cycles=self._continuous(
-                np.concatenate([p.phase_range_m for p in parts])[order] / wavelength_m,
-                satellite,
-                signal,
-                parts[0].number,
-            ),
+            carrier_phase_cycles=self._continuous(phase_range_m / wavelength_m, satellite, signal, parts[0].number),
             doppler_hz=-np.concatenate([p.phase_range_rate_m_s for p in parts])[order] / wavelength_m,
             cn0_db_hz=np.concatenate([p.cn0_db_hz for p in parts])[order],
             lock_time_s=np.concatenate([p.lock_time_s for p in parts])[order],
@@ -230,7 +226,8 @@ class EpochAssembler:
 
 
 def _row_keys(satellite: SatelliteIds, signal: SignalIds) -> list[int]:
-    return (signal.astype(np.int64) * N_SATELLITES + satellite).tolist()
+    keys: list[int] = (signal.astype(np.int64) * N_SATELLITES + satellite).tolist()
+    return keys
 
 
 def _repeats(epoch: _OpenEpoch, message: Observations) -> bool:

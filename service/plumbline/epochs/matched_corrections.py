@@ -24,7 +24,8 @@ from plumbline.epochs.correction_state import (
     OrbitsAndClocks,
     T,
 )
-from plumbline.epochs.ephemeris_book import Entry, EphemerisBook, Match, issue_by_rule
+from plumbline.epochs.ephemeris_book import Entry, Match, issue_by_rule
+from plumbline.epochs.ephemeris_chain import EphemerisLookup
 from plumbline.gnss.orbits_broadcast import N_COLUMNS
 from plumbline.gnss.ssr_orbits import CLOCK, CLOCK_T_S, HIGH_RATE_CLOCK, N_SSR_COLUMNS, ORBIT, ORBIT_T_S
 from plumbline.gps_time import NS_PER_S
@@ -68,7 +69,7 @@ class _Tables:
 
 
 def matched(
-    ephemerides: EphemerisBook,
+    ephemerides: EphemerisLookup,
     corrections: CorrectionBook,
     satellite: SatelliteIds,
     t_gps_ns: int,
@@ -114,7 +115,7 @@ def matched(
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    ephemerides: EphemerisBook
+    ephemerides: EphemerisLookup
     satellite: int
     t_gps_ns: int
     as_of_ns: int
