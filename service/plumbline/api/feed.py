@@ -36,9 +36,9 @@ _CHANNEL_OF: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One numbered output."""
+    """One numbered output; equal only to itself, so that it can be a key."""
 
     sequence: int
     channel: Channel
