@@ -1,4 +1,4 @@
-"""What is in a recording: by message type how many frames, when, which satellites and signals; and bytes in no frame."""
+"""What a recording holds: by message type how many frames, when, satellites and signals; and the bytes in no frame."""
 
 import json
 from collections import Counter
