@@ -121,8 +121,12 @@ class StreamLog:
         if hour != self._hour:
             self._open_hour(hour, t_receive_ns)
         offset = self.end
-        _write_all(self._data_fd, data)
-        _write_all(self._index_fd, _record(offset, t_receive_ns, data))
+        try:
+            _write_all(self._data_fd, data)
+            _write_all(self._index_fd, _record(offset, t_receive_ns, data))
+        except OSError:
+            self._give_up_half_written()
+            raise
         if self._new_path is not None:
             self._segments.append(Segment(self._new_path, offset, t_receive_ns))
             self._new_path = None
@@ -140,6 +144,13 @@ class StreamLog:
         self._data_fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         self._index_fd = os.open(path.with_suffix(".index"), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         self._hour = hour
+
+    def _give_up_half_written(self) -> None:
+        """The disk has refused a chunk: cut off what it took of it, so that data and index agree again."""
+        first_offset = self.end if self._new_path is not None else self._segments[-1].first_offset
+        os.ftruncate(self._data_fd, self.end - first_offset)
+        whole = os.fstat(self._index_fd).st_size // INDEX_RECORD.itemsize * INDEX_RECORD.itemsize
+        os.ftruncate(self._index_fd, whole)
 
     def sync(self) -> None:
         """Have the disk hold what was appended; may run on another thread (hence its own descriptors)."""

@@ -10,14 +10,14 @@ CHECKPOINT = "plumbline/checkpoint"
 REWIND = "plumbline/rewind"  # the store asks for a station to be computed again from its last stored checkpoint
 SETTINGS = "plumbline/settings"  # a station's settings or thresholds have changed
 CONNECTION = "plumbline/connection"  # connects and disconnects of a station's device
-DEVICE = "plumbline/device"  # unknown devices, as ingest meets them
 ALIVE_INGEST = "plumbline/alive/ingest"
 ALIVE_WORKER = "plumbline/alive/worker"
 ALIVE_STORE = "plumbline/alive/store"
 QUERY_ARCHIVE = "plumbline/query/archive"  # /{archive}/{station}: chunks from an offset on
 QUERY_STATIONS = "plumbline/query/stations"  # the stations and thresholds in the database
 QUERY_CHECKPOINT = "plumbline/query/checkpoint"  # /{station}: its last stored checkpoint
-QUERY_METRICS = "plumbline/query/metrics"  # every process's counters
+QUERY_DEVICES = "plumbline/query/devices"  # /{archive}: unknown devices and connected stations of an ingest
+QUERY_METRICS = "plumbline/query/metrics"  # /{process}: counters
 
 #: Key prefix of each kind of output, by its class name in :mod:`plumbline.records`.
 OUTPUTS = {"Solution": SOLUTION, "Motion": MOTION, "AlertEvent": ALERT, "StationStatus": STATUS}

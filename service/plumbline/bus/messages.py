@@ -5,12 +5,13 @@ and a checkpoint is stored only if the messages since the last one stored were a
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from plumbline.bus import codec
-from plumbline.records import Chunk
+from plumbline.config import StationSettings
+from plumbline.records import Chunk, Severity, Threshold
 
 _CHUNK_HEAD = struct.Struct("<qq12s")
 _RECORD_HEAD = struct.Struct("<qqI")
@@ -47,6 +48,17 @@ class CheckpointMessage:
     t_receive_ns: int
     state: bytes
     consumed: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class StationConfig:
+    """What a station is to be from ``changed_gps_ns`` on; ``settings`` None: it is deleted."""
+
+    station: str
+    settings: StationSettings | None
+    thresholds: tuple[Threshold, ...] = ()
+    created_gps_ns: int = 0
+    changed_gps_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +140,37 @@ def _list(data: bytes, length: int) -> list[Any]:
     if not isinstance(value, list) or len(value) != length:
         raise ValueError(f"expected a list of {length}")
     return value
+
+
+def encode_configs(configs: Sequence[StationConfig]) -> bytes:
+    """Stations' settings (as JSON, which checks itself) and thresholds."""
+    return codec.encode(
+        [
+            [
+                config.station,
+                config.settings.model_dump_json() if config.settings is not None else None,
+                [[getattr(threshold, name) for name in Threshold.__slots__] for threshold in config.thresholds],
+                config.created_gps_ns,
+                config.changed_gps_ns,
+            ]
+            for config in configs
+        ]
+    )
+
+
+def decode_configs(data: bytes) -> tuple[StationConfig, ...]:
+    """Inverse of :func:`encode_configs`; raises ``ValueError`` for anything else."""
+    return tuple(_config(*fields) for fields in codec.decode(data))
+
+
+def _config(
+    station: str, settings: str | None, thresholds: list[list[Any]], created: int, changed: int
+) -> StationConfig:
+    named = (dict(zip(Threshold.__slots__, values, strict=True)) for values in thresholds)
+    return StationConfig(
+        station,
+        StationSettings.model_validate_json(settings) if settings is not None else None,
+        tuple(Threshold(**values | {"severity": Severity(values["severity"])}) for values in named),
+        created,
+        changed,
+    )

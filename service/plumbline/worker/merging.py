@@ -1,0 +1,244 @@
+"""Chunks of many streams, live and from archives, put into the order of their receive times. No input or output here.
+
+A stream is complete up to its *frontier*: for one that is live the clock of the ingest that it comes from, for one that
+is being fetched from the archive the last chunk fetched. A station's chunk is released when every correction stream is
+complete beyond it, and a correction when no station is further behind than ``lead_ns``: the books answer as of a time,
+but not for ever. Within these bounds chunks leave in the order of (receive time, stream).
+
+A chunk whose offset is beyond the next one shows a gap: the stream goes back to being fetched, and nothing is lost. One
+whose offset is below it, though received later, shows that a power failure has shortened the archive: it is taken.
+"""
+
+import heapq
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from plumbline.bus.messages import ArchiveReply, Tick
+from plumbline.records import Chunk
+
+NEVER_NS = 1 << 62
+MAX_PENDING_BYTES = 4 << 20
+
+
+@dataclass(slots=True)
+class Cursor:
+    """How far one stream of one archive has come."""
+
+    archive: str
+    station: str
+    correction: bool
+    last_ns: int  # receive time of the last chunk taken in
+    complete_ns: int  # while not live: the receive time up to which nothing is missing
+    next_offset: int | None = None  # of the next chunk expected; None: not known before the first fetch
+    consumed_offset: int = 0
+    live: bool = False
+    pending: deque[Chunk] = field(default_factory=deque)
+    pending_bytes: int = 0
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """(archive, station)."""
+        return self.archive, self.station
+
+
+class Merger:
+    """See the module. Feed it with :meth:`offer`, :meth:`tick` and :meth:`fetched`; take from :meth:`release`."""
+
+    def __init__(self, lead_ns: int) -> None:
+        self._lead_ns = lead_ns
+        self._cursors: dict[tuple[str, str], Cursor] = {}
+        self._by_station: dict[str, list[Cursor]] = {}
+        self._corrections: list[Cursor] = []
+        self._catching_up: dict[tuple[str, str], Cursor] = {}
+        self._waiting: dict[tuple[str, str], Cursor] = {}  # those with pending chunks
+        self._clock_ns: dict[str, int] = {}  # by archive whose ingest is alive
+        self._generation: dict[str, int] = {}
+
+    # ----------------------------------------------------------------------------------------- streams
+
+    def follow(self, archive: str, station: str, *, correction: bool, from_ns: int) -> None:
+        """Begin a stream with the first chunk received after ``from_ns``, wherever in the archive that is."""
+        if (archive, station) in self._cursors:
+            return
+        cursor = Cursor(archive, station, correction, last_ns=from_ns, complete_ns=from_ns)
+        self._cursors[cursor.key] = cursor
+        self._by_station.setdefault(station, []).append(cursor)
+        if correction:
+            self._corrections.append(cursor)
+        self._catching_up[cursor.key] = cursor
+
+    def unfollow(self, station: str) -> None:
+        """Forget a stream in every archive."""
+        for cursor in self._by_station.pop(station, []):
+            for index in (self._cursors, self._catching_up, self._waiting):
+                index.pop(cursor.key, None)
+            if cursor.correction:
+                self._corrections.remove(cursor)
+
+    def clear(self) -> None:
+        """Forget every stream; the ingests stay known."""
+        for station in list(self._by_station):
+            self.unfollow(station)
+
+    def consumed(self, station: str) -> dict[str, int]:
+        """Archive → offset behind the last byte released, of a stream."""
+        return {c.archive: c.consumed_offset for c in self._by_station.get(station, ()) if c.next_offset is not None}
+
+    @property
+    def archives(self) -> tuple[str, ...]:
+        """The archives whose ingest is alive."""
+        return tuple(sorted(self._clock_ns))
+
+    # ----------------------------------------------------------------------------------------- what comes in
+
+    def ingest_came(self, archive: str) -> None:
+        """An ingest is there (again): what it published unseen is fetched before anything else of it is believed."""
+        self._clock_ns[archive] = 0
+        self._generation.pop(archive, None)
+        self.refetch(archive)
+
+    def ingest_went(self, archive: str) -> None:
+        """An ingest is gone: the others no longer wait for it."""
+        self._clock_ns.pop(archive, None)
+        self._generation.pop(archive, None)
+
+    def refetch(self, archive: str | None = None) -> None:
+        """Distrust what is live: streams (of an archive) are to be fetched up to their ends first."""
+        for cursor in self._cursors.values():
+            if cursor.live and archive in (None, cursor.archive):
+                self._fall_back(cursor)
+
+    def _fall_back(self, cursor: Cursor) -> None:
+        cursor.live = False
+        cursor.complete_ns = cursor.last_ns
+        self._catching_up[cursor.key] = cursor
+
+    def offer(self, chunk: Chunk) -> None:
+        """A chunk as published live."""
+        cursor = self._cursors.get((chunk.archive, chunk.station))
+        if cursor is not None and chunk.t_receive_ns > cursor.last_ns and cursor.next_offset is not None:
+            if chunk.offset <= cursor.next_offset and cursor.pending_bytes < MAX_PENDING_BYTES:
+                self._take(cursor, chunk)
+            elif cursor.live:
+                self._fall_back(cursor)
+        if chunk.archive in self._clock_ns and chunk.t_receive_ns > self._clock_ns[chunk.archive]:
+            self._clock_ns[chunk.archive] = chunk.t_receive_ns
+
+    def tick(self, tick: Tick) -> None:
+        """An ingest's clock; the answer of a new generation is that its streams are fetched again."""
+        if tick.archive not in self._clock_ns:
+            return
+        known = self._generation.setdefault(tick.archive, tick.generation)
+        if known != tick.generation:
+            self._generation[tick.archive] = tick.generation
+            self.refetch(tick.archive)
+        self._clock_ns[tick.archive] = max(self._clock_ns[tick.archive], tick.t_receive_ns)
+
+    def fetched(self, cursor: Cursor, reply: ArchiveReply) -> None:
+        """What the archive has answered for one of :meth:`wanted`, asked from its ``next_offset``, else ``last_ns``."""
+        if self._cursors.get(cursor.key) is not cursor or cursor.live:
+            return
+        if cursor.next_offset is None:
+            first = reply.chunks[0].offset if reply.chunks else reply.end
+            cursor.next_offset = cursor.consumed_offset = first
+        for chunk in reply.chunks:
+            if chunk.t_receive_ns > cursor.last_ns:
+                self._take(cursor, chunk)
+        cursor.complete_ns = max(cursor.complete_ns, cursor.last_ns)
+        if cursor.next_offset >= reply.end:
+            cursor.live = True
+            del self._catching_up[cursor.key]
+            if cursor.archive in self._clock_ns:
+                self._clock_ns[cursor.archive] = max(self._clock_ns[cursor.archive], reply.t_now_ns)
+
+    def _take(self, cursor: Cursor, chunk: Chunk) -> None:
+        cursor.pending.append(chunk)
+        cursor.pending_bytes += len(chunk.data)
+        cursor.next_offset = chunk.end
+        cursor.last_ns = chunk.t_receive_ns
+        self._waiting[cursor.key] = cursor
+
+    def wanted(self) -> list[Cursor]:
+        """Streams that are to be fetched now."""
+        return [
+            cursor
+            for cursor in self._catching_up.values()
+            if cursor.archive in self._clock_ns and cursor.pending_bytes < MAX_PENDING_BYTES // 4
+        ]
+
+    # ----------------------------------------------------------------------------------------- what goes out
+
+    def _frontier_ns(self, cursor: Cursor) -> int:
+        if cursor.archive not in self._clock_ns:
+            return NEVER_NS  # its ingest is gone: nothing more to wait for
+        return self._clock_ns[cursor.archive] if cursor.live else cursor.complete_ns
+
+    def correction_frontier_ns(self) -> int:
+        """The receive time up to which every correction stream is complete."""
+        return min((self._frontier_ns(cursor) for cursor in self._corrections), default=NEVER_NS)
+
+    def frontier_ns(self, station: str) -> int:
+        """The receive time up to which a station and all that it depends on are complete."""
+        own = min((self._frontier_ns(cursor) for cursor in self._by_station.get(station, ())), default=0)
+        return min(own, self.correction_frontier_ns())
+
+    def clock_ns(self) -> int:
+        """The latest time that any living ingest has told."""
+        return max(self._clock_ns.values(), default=0)
+
+    def idle_until_ns(self, station: str) -> int | None:
+        """The receive time up to which a station has no byte unprocessed; None where it has, or nobody can tell."""
+        cursors = self._by_station.get(station, ())
+        if not cursors or any(cursor.pending for cursor in cursors):
+            return None
+        frontier_ns = self.frontier_ns(station)
+        return frontier_ns if frontier_ns < NEVER_NS else None
+
+    def _hindmost_station_ns(self) -> int:
+        """The receive time that some station may still have to process a chunk at."""
+        behind = (c.pending[0].t_receive_ns for c in self._waiting.values() if not c.correction)
+        fetching = (
+            c.complete_ns
+            for c in self._catching_up.values()
+            if not c.correction and not c.pending and c.archive in self._clock_ns
+        )
+        return min(min(behind, default=NEVER_NS), min(fetching, default=NEVER_NS))
+
+    def release(self, limit: int = 1000) -> Iterator[Chunk]:
+        """Chunks that may be processed now, in order, about ``limit``; each counts as consumed when it is yielded."""
+        released, before = 0, -1
+        while self._waiting and before < released < limit:
+            before = released
+            for chunk in self._pass():
+                released += 1
+                yield chunk
+
+    def _pass(self) -> Iterator[Chunk]:
+        """What may be released by the bounds as they are now, in order; releasing it can widen them."""
+        complete_ns = self.correction_frontier_ns()
+        correction_limit_ns = min(self._hindmost_station_ns() + self._lead_ns, complete_ns)
+        heap = [(cursor.pending[0].t_receive_ns, not cursor.correction, key) for key, cursor in self._waiting.items()]
+        heapq.heapify(heap)
+        while heap:
+            t_ns, _, key = heapq.heappop(heap)
+            cursor = self._cursors[key]
+            if t_ns > (correction_limit_ns if cursor.correction else complete_ns):
+                return  # whatever comes later in time has to wait for it
+            if cursor.correction or t_ns <= self._siblings_ns(cursor):
+                yield self._consume(cursor)
+                if cursor.pending:
+                    heapq.heappush(heap, (cursor.pending[0].t_receive_ns, not cursor.correction, key))
+
+    def _consume(self, cursor: Cursor) -> Chunk:
+        chunk = cursor.pending.popleft()
+        cursor.pending_bytes -= len(chunk.data)
+        cursor.consumed_offset = chunk.end
+        if not cursor.pending:
+            del self._waiting[cursor.key]
+        return chunk
+
+    def _siblings_ns(self, cursor: Cursor) -> int:
+        """The receive time up to which a station's streams in other archives are complete."""
+        siblings = self._by_station[cursor.station]
+        return min((self._frontier_ns(c) for c in siblings if c is not cursor and not c.pending), default=NEVER_NS)

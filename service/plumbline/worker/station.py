@@ -1,0 +1,112 @@
+"""One station in a worker: its pipeline, the changes that wait for their time, and the messages that leave."""
+
+import logging
+import secrets
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from plumbline.bus import codec, keys
+from plumbline.bus.messages import CheckpointMessage, Numbered, StationConfig, encode_fields, encode_numbered
+from plumbline.config import StationSettings
+from plumbline.records import Chunk, Output
+from plumbline.worker.processing import Processing, StationPipeline
+
+log = logging.getLogger(__name__)
+
+
+def new_run() -> str:
+    """A name for an unbroken count of messages."""
+    return secrets.token_hex(8)
+
+
+class StationRunner:
+    """A station from a checkpoint on. Every message that it makes is counted within its run."""
+
+    def __init__(
+        self, processing: Processing, config: StationConfig, books: Any, checkpoint: CheckpointMessage | None
+    ) -> None:
+        if config.settings is None:
+            raise ValueError(f"station {config.station} is deleted")
+        self.config = config
+        self.consumed_ns = checkpoint.t_receive_ns if checkpoint else 0
+        self._processing = processing
+        self._books = books
+        self._run, self._number = new_run(), 0
+        self._change: StationConfig | None = None
+        self._settings: StationSettings = config.settings
+        self.failures = 0
+        self.unsaved = False
+        self._pipeline = self._start(checkpoint)
+
+    def _start(self, checkpoint: CheckpointMessage | None) -> StationPipeline:
+        """A pipeline as it was, under the settings of that time; a change since then comes when its time does."""
+        if checkpoint is None:
+            return self._processing.new_pipeline(self._settings, self.config.thresholds, self._books)
+        state = codec.decode(checkpoint.state)
+        then = StationSettings.model_validate_json(state["settings"])
+        if then != self._settings and self.config.changed_gps_ns > self.consumed_ns:
+            self._change, self._settings = self.config, then
+        return self._restored(state["snapshot"])
+
+    def _restored(self, snapshot: bytes) -> StationPipeline:
+        return self._processing.restore_pipeline(self._settings, self.config.thresholds, self._books, snapshot)
+
+    def change(self, config: StationConfig) -> None:
+        """New settings or thresholds, to take effect behind the last byte received up to their time."""
+        self._change = config
+
+    def _apply_change(self, t_receive_ns: int) -> None:
+        change = self._change
+        if change is None or change.settings is None or t_receive_ns <= change.changed_gps_ns:
+            return
+        self.config, self._settings, self._change = change, change.settings, None
+        self._pipeline = self._restored(self._pipeline.snapshot())
+        self.unsaved = True
+
+    def receive(self, chunk: Chunk) -> list[Output]:
+        """The station's next bytes."""
+        self._apply_change(chunk.t_receive_ns)
+        self.consumed_ns = chunk.t_receive_ns
+        self.unsaved = True
+        return self._guarded(lambda: self._pipeline.receive(chunk.data, chunk.t_receive_ns))
+
+    def advance(self, t_receive_ns: int) -> list[Output]:
+        """Nothing more has come up to a time."""
+        self._apply_change(t_receive_ns)
+        return self._guarded(lambda: self._pipeline.advance(t_receive_ns))
+
+    def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
+        """The device came or went."""
+        return self._guarded(lambda: self._pipeline.connection_event(kind, reason, t_receive_ns))
+
+    def _guarded(self, work: Any) -> list[Output]:
+        """A defect in one station's processing must not take the others along: it is logged and counted."""
+        try:
+            return work()  # type: ignore[no-any-return]
+        except Exception:
+            self.failures += 1
+            if self.failures & (self.failures - 1) == 0:
+                log.exception("station %s: processing failed %d times", self.config.station, self.failures)
+            return []
+
+    # ----------------------------------------------------------------------------------------- what leaves
+
+    def messages(self, outputs: Sequence[Output]) -> list[tuple[str, bytes]]:
+        """(key, payload) of each output."""
+        station = self.config.station
+        return [
+            (keys.of(keys.OUTPUTS[type(output).__name__], station), self._numbered(codec.encode(output)))
+            for output in outputs
+        ]
+
+    def checkpoint(self, consumed: Mapping[str, int]) -> tuple[str, bytes]:
+        """(key, payload) of the state behind everything sent so far."""
+        state = codec.encode({"settings": self._settings.model_dump_json(), "snapshot": self._pipeline.snapshot()})
+        message = CheckpointMessage(self.config.station, self.consumed_ns, state, dict(consumed))
+        self.unsaved = False
+        return keys.of(keys.CHECKPOINT, self.config.station), self._numbered(encode_fields(message))
+
+    def _numbered(self, body: bytes) -> bytes:
+        message = Numbered(self._run, self._number, body)
+        self._number += 1
+        return encode_numbered(message)
