@@ -148,9 +148,12 @@ def test_others_disabled_and_unknown_thresholds_are_passed_over() -> None:
 
 
 def test_every_listed_quantity_can_be_judged() -> None:
-    thresholds = tuple(Threshold(f"q{k}", "A", q, -1.0) for k, q in enumerate(QUANTITIES))
+    thresholds = tuple(Threshold(f"q{k}", "A", q, 1e-6) for k, q in enumerate(QUANTITIES))
     ones = np.ones((10, 3))
-    moved = [replace(motion(k, 0.0), displacement_enu_m=ones) for k in range(40)]
+    moved = [
+        replace(motion(k, 0.0), displacement_enu_m=ones * (k + 1), velocity_enu_m_s=ones, acceleration_enu_m_s2=ones)
+        for k in range(40)
+    ]
     records: list[Motion | Solution | StationStatus] = [*moved, status(41, 40)]
     _, events = run(records, *thresholds)
     assert {e.quantity for e in events} == set(QUANTITIES)

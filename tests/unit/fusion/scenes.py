@@ -1,5 +1,6 @@
 """Motions that the fusion's tests run on, with their solutions and samples."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,9 @@ S = 10**9
 SETTINGS = FusionSettings()
 
 
-def solution(t_ns: int, displacement: Floats, sigma_m: float | Floats = 0.005, **changes: object) -> Solution:
+def solution(
+    t_ns: int, displacement: Floats | list[float], sigma_m: float | Floats = 0.005, **changes: object
+) -> Solution:
     covariance = np.diag(np.broadcast_to(np.asarray(sigma_m, float), 3) ** 2)
     made = Solution(
         "A",
@@ -52,7 +55,7 @@ def shaken(n_seconds: int = 20, rate: int = 100, seed: int = 7) -> tuple[list[So
 
 
 def feed(
-    records: list[Solution | InertialBlock], settings: FusionSettings = SETTINGS, state: FusionState | None = None
+    records: Sequence[Solution | InertialBlock], settings: FusionSettings = SETTINGS, state: FusionState | None = None
 ) -> tuple[FusionState, list[Motion]]:
     """State and every published block, in the order of publication."""
     state = state or initial_state("A")
