@@ -13,7 +13,7 @@ from plumbline.signals import System, satellite_id, signal_id
 CALENDAR = (2018, 7, 14, 23, 50, 20)
 T_GPS_NS = gps_ns_from_calendar(*CALENDAR[:5], CALENDAR[5] * NS_PER_S)
 CODES = {
-    System.GPS: ("1C", "2W", "5Q"), System.GLONASS: ("1C", "2P"), System.GALILEO: ("1C", "5Q", "7Q"),
+    System.GPS: ("1C", "2W", "5Q"), System.GLONASS: ("1C", "2P"), System.GALILEO: ("1C", "7Q", "5Q"),
     System.QZSS: ("1C", "2L", "5Q"), System.BEIDOU: ("2I", "6I", "7I"),
 }  # fmt: skip
 _SYSTEMS = {
