@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
 from typing import Any, Final
+from urllib.parse import quote
 
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.encoders import jsonable_encoder
@@ -45,7 +46,11 @@ def problem(
 ) -> JSONResponse:
     """The response that says what went wrong."""
     body = Problem(
-        title=HTTPStatus(status).phrase, status=status, detail=detail, instance=request.url.path, errors=list(errors)
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        instance=quote(request.scope["path"]),
+        errors=list(errors),
     )
     return JSONResponse(body.model_dump(), status, headers, MEDIA_TYPE)
 

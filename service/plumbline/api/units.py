@@ -77,7 +77,7 @@ def column(values: Floats, scale: float = 1e3, digits: int = 2) -> list[float | 
 def degrees_and_height(position_ecef_m: Vector3) -> tuple[float, float, float]:
     """Latitude and longitude, degrees, and ellipsoidal height, m, of an Earth-fixed position."""
     latitude, longitude, height_m = geodetic_from_ecef(np.array(position_ecef_m)).tolist()
-    return round(math.degrees(latitude), 10), round(math.degrees(longitude), 10), round(height_m, 4)
+    return round(math.degrees(latitude), 10), round(math.degrees(longitude), 10), round(height_m, 5)
 
 
 def ecef_of_degrees(latitude_deg: float, longitude_deg: float, height_m: float) -> Vector3:

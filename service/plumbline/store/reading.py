@@ -201,9 +201,14 @@ def _finest_bucket_ns(connection: Connection, station: str, start: int, end: int
     first = connection.execute(query.order_by(columns.t_first_gps_ns).limit(1)).scalar_one()
     last = connection.execute(query.order_by(columns.t_first_gps_ns.desc()).limit(1)).scalar_one()
     candidates = [nice * NS_PER_S for nice in _NICE_S]
-    while last // candidates[-1] - first // candidates[-1] + 1 > max_points and candidates[-1] <= last:
+    while _n_buckets(first, last, candidates[-1]) > max_points and candidates[-1] <= last:
         candidates.append(2 * candidates[-1])
-    return next(b for b in candidates if last // b - first // b + 1 <= max_points or b > last)
+    return next(b for b in candidates if _n_buckets(first, last, b) <= max_points or b > last)
+
+
+def _n_buckets(first: int, last: int, bucket_ns: int) -> int:
+    start = summaries.bucket_start
+    return (start(last, bucket_ns) - start(first, bucket_ns)) // bucket_ns + 1
 
 
 def _bucket_series(
@@ -213,14 +218,15 @@ def _bucket_series(
     level_s = max(level for level in summaries.LEVELS_S if bucket_ns % (level * NS_PER_S) == 0)
     expressions = ", ".join(summaries.aggregates())
     statement = text(
-        f"SELECT t_gps_ns - t_gps_ns % :bucket AS t, {expressions} FROM motion_summaries WHERE station = :station "
-        "AND bucket_s = :level AND t_gps_ns >= :start AND t_gps_ns < :end GROUP BY 1 ORDER BY 1 LIMIT :limit"
+        f"SELECT t_gps_ns - (t_gps_ns - :origin) % :bucket AS t, {expressions} FROM motion_summaries "
+        "WHERE station = :station AND bucket_s = :level AND t_gps_ns >= :start AND t_gps_ns < :end GROUP BY 1 ORDER BY 1 LIMIT :limit"
     )
     parameters = {
         "bucket": bucket_ns,
+        "origin": summaries.ORIGIN_NS,
         "station": station,
         "level": level_s,
-        "start": max(start - start % bucket_ns, 0),
+        "start": max(summaries.bucket_start(start, bucket_ns), 0),
         "end": end,
         "limit": max_points + 1,
     }

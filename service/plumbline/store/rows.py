@@ -52,7 +52,7 @@ class MotionSummary:
 class MotionSeries:
     """A station's motion over a span, as samples (``bucket_ns`` 0) or as a summary of every ``bucket_ns``.
 
-    Times are those of the samples, or of the buckets' starts (multiples of ``bucket_ns`` since the GPS epoch), strictly
+    Times are those of the samples, or of the buckets' starts (whole minutes, hours, days of UTC), strictly
     ascending. Vectors are (n, 3), ENU, SI; of a bucket the mean. ``blocks`` names the blocks that samples came from,
     their arrays left out; it is empty for buckets.
     """

@@ -1,8 +1,9 @@
 """Minimum, maximum, mean and RMS of motion in buckets of 1 s, 1 min, 1 h and 1 day, in step with the blocks.
 
 A bucket is always recomputed from everything below it, never added to: so a revised block replaces its part, and
-writing a block twice changes nothing. Buckets begin at whole multiples of their length since the GPS epoch. RMS is
-about zero. The mean of a longer bucket weighs its parts by their samples.
+writing a block twice changes nothing. Buckets begin at whole minutes, hours and days of UTC as it has been since 2017
+(GPS time − 18 s, kept for all times so that no bucket is longer than another). RMS is about zero. The mean of a longer
+bucket weighs its parts by their samples.
 """
 
 import math
@@ -22,9 +23,15 @@ from plumbline.store.tables import CHANNELS, SIGMAS, STATISTICS, motion_summarie
 from plumbline.store.upsert import upsert
 
 LEVELS_S: Final = (1, 60, 3600, 86_400)
+ORIGIN_NS: Final = 18 * NS_PER_S
 _COLUMNS: Final = tuple(f"{channel}_{statistic}" for channel in CHANNELS for statistic in STATISTICS) + SIGMAS
 
 SecondKey = tuple[str, int]  # station and the second's first nanosecond
+
+
+def bucket_start(t_gps_ns: int, length_ns: int) -> int:
+    """The beginning of the bucket that holds a time."""
+    return t_gps_ns - (t_gps_ns - ORIGIN_NS) % length_ns
 
 
 def second_row(key: SecondKey, quanta: NDArray[np.int64]) -> tuple[Any, ...]:
@@ -56,7 +63,7 @@ def write_seconds(connection: Connection, rows: Sequence[tuple[Any, ...]]) -> No
 
 def _roll_up(connection: Connection, seconds: Iterable[SecondKey], below_s: int, level_s: int) -> None:
     length_ns = level_s * NS_PER_S
-    buckets = sorted({(station, t_gps_ns - t_gps_ns % length_ns) for station, t_gps_ns in seconds})
+    buckets = sorted({(station, bucket_start(t_gps_ns, length_ns)) for station, t_gps_ns in seconds})
     parameters = [(start, station, below_s, start, start + length_ns) for station, start in buckets]
     if parameters:
         connection.exec_driver_sql(_roll_up_statement(connection.dialect.paramstyle, level_s), parameters)
