@@ -22,13 +22,15 @@ from plumbline.config import FusionSettings
 from plumbline.epochs.time_matching import grid_rate, grid_time_ns, match_samples, nearest_grid_index
 from plumbline.fusion.blocks import motions_of
 from plumbline.fusion.second import Run, run_second
-from plumbline.fusion.state import FusionResult, FusionState, Innovation, Measurement, Second
+from plumbline.fusion.state import FusionResult, FusionState, Innovation, Measurement, Second, unknown_node
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, InertialBlock, Motion, Solution, Status
 
 IMPOSSIBLE_ACCELERATION_M_S2 = 200.0  # beyond the range of any sensor for structures
 FUTURE_LIMIT_NS = 600 * NS_PER_S  # a sample stamped so long after its receipt has a wrong stamp
 DEFAULT_SOLUTION_INTERVAL_NS = NS_PER_S
+TOO_LATE = "solution_too_late"
+LATE_IN_A_ROW = 10  # so many inputs too late, and none in time: it is the filter that is ahead, by a wrong stamp
 _UP = 2
 
 
@@ -46,7 +48,7 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
     state, values = _acceleration_enu(state, values, settings)
     state, touched = _place(state, first, values, rate, block.t_receive_ns)
     if not touched:
-        return FusionResult(state, [], [])
+        return FusionResult(_one_more_late(state), [], [])
     end_ns = grid_time_ns(first + len(values) - 1, rate)
     state = replace(state, t_samples_end_gps_ns=max(end_ns, state.t_samples_end_gps_ns or end_ns))
     state, closed = _close(state, state.seconds[-1].second * NS_PER_S)
@@ -62,12 +64,13 @@ def receive_solution(state: FusionState, solution: Solution, settings: FusionSet
     """
     refusal = _why_not(state, solution)
     if refusal:
-        return _unused(replace(state, no_solution=solution.reason or solution.status.value), refusal)
+        late = _one_more_late(state) if refusal == TOO_LATE else state
+        return _unused(replace(late, no_solution=solution.reason or solution.status.value), refusal)
     measurement = _measurement(solution, settings)
     index = sum(m.t_gps_ns < measurement.t_gps_ns for m in state.measurements)
     earlier = state.measurements[index - 1].t_gps_ns if index else None
     measurements = (*state.measurements[:index], measurement, *state.measurements[index:])
-    state = replace(state, measurements=measurements, no_solution="")
+    state = replace(state, measurements=measurements, no_solution="", late_in_a_row=0)
     second = _second_of(state, measurement)
     if _waits(state, measurement, second, settings):
         return FusionResult(state, [], [])
@@ -116,7 +119,9 @@ def _place(
             seconds[number] = replace(new, t_receive_ns=t_receive_ns)
             touched.add(number)
     state = _counted(state, "inertial_late_or_repeated", len(values) - used)
-    return replace(state, seconds=tuple(s for _, s in sorted(seconds.items()))), touched
+    if not touched:
+        return state, touched
+    return replace(state, rate=rate, late_in_a_row=0, seconds=tuple(s for _, s in sorted(seconds.items()))), touched
 
 
 def _filled(
@@ -150,7 +155,7 @@ def _why_not(state: FusionState, solution: Solution) -> str:
     if any(m.t_gps_ns == solution.t_gps_ns for m in state.measurements):
         return "solution_repeated"
     too_late = state.seconds and solution.t_gps_ns < state.seconds[0].second * NS_PER_S
-    return "solution_too_late" if too_late else ""
+    return TOO_LATE if too_late else ""
 
 
 def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
@@ -168,9 +173,9 @@ def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
 
 def _second_of(state: FusionState, measurement: Measurement) -> int:
     """The second whose run a solution is part of: on a grid, the one of its nearest sample."""
-    floor = measurement.t_gps_ns // NS_PER_S
-    rate = next((s.rate for s in reversed(state.seconds) if s.second == floor), 0)
-    return nearest_grid_index(measurement.t_gps_ns, rate) // rate if rate else floor
+    if state.rate == 0:
+        return measurement.t_gps_ns // NS_PER_S
+    return nearest_grid_index(measurement.t_gps_ns, state.rate) // state.rate
 
 
 def _waits(state: FusionState, measurement: Measurement, second: int, settings: FusionSettings) -> bool:
@@ -210,13 +215,14 @@ def _run_from(
     state: FusionState, first: int, settings: FusionSettings
 ) -> tuple[FusionState, dict[int, Run], list[Innovation]]:
     """Run the seconds from ``first`` on again; innovations of the solutions that had not been met before."""
-    by_second: dict[int, list[Measurement]] = {}
-    for m in state.measurements:
-        by_second.setdefault(_second_of(state, m), []).append(m)
     seconds, runs = list(state.seconds), {}
     start = next(i for i, s in enumerate(seconds) if s.second >= first)
     while start > 0 and (seconds[start].entry.t_gps_ns or 0) >= seconds[start].second * NS_PER_S:
         start -= 1  # a second put in between two others has the head for its entry
+    by_second: dict[int, list[Measurement]] = {}
+    for m in state.measurements:
+        if m.t_gps_ns >= (seconds[start].second - 1) * NS_PER_S:
+            by_second.setdefault(_second_of(state, m), []).append(m)
     node = seconds[start].entry
     for i in range(start, len(seconds)):
         seconds[i] = replace(seconds[i], entry=node)
@@ -224,7 +230,9 @@ def _run_from(
         runs[seconds[i].second], node = run, run.node
     met = {v.t_gps_ns: v for run in runs.values() for v in run.innovations}
     fresh = [met[m.t_gps_ns] for m in state.measurements if m.t_gps_ns in met and not m.processed]
-    marked = tuple(replace(m, processed=True) if m.t_gps_ns in met else m for m in state.measurements)
+    marked = tuple(
+        replace(m, processed=True) if m.t_gps_ns in met and not m.processed else m for m in state.measurements
+    )
     return replace(state, seconds=tuple(seconds), measurements=marked, head=node), runs, fresh
 
 
@@ -254,13 +262,20 @@ def _publish(
 
 def _trimmed(state: FusionState, settings: FusionSettings) -> FusionState:
     """Forget what a solution can no longer change."""
-    if not state.seconds:
+    if not state.seconds or state.seconds[0].second >= state.seconds[-1].second - math.ceil(settings.late_limit_s):
         return state
     oldest = state.seconds[-1].second - math.ceil(settings.late_limit_s)
     seconds = tuple(s for s in state.seconds if s.second >= oldest)
-    start_ns = seconds[0].second * NS_PER_S
-    kept = tuple(m for m in state.measurements if _second_of(state, m) >= seconds[0].second or m.t_gps_ns >= start_ns)
+    kept = tuple(m for m in state.measurements if _second_of(state, m) >= oldest)
     return replace(state, seconds=seconds, measurements=kept)
+
+
+def _one_more_late(state: FusionState) -> FusionState:
+    """Count an input that came too late; after too many the filter starts anew."""
+    if state.late_in_a_row + 1 < LATE_IN_A_ROW:
+        return replace(state, late_in_a_row=state.late_in_a_row + 1)
+    fresh = FusionState(state.station, state.gravity_m_s2, unknown_node(), counters=state.counters)
+    return _counted(fresh, "restarted_after_a_wrong_time_stamp", 1)
 
 
 def _unused(state: FusionState, reason: str) -> FusionResult:

@@ -92,9 +92,11 @@ class FusionState:
     head: Node  # the filter after all that is in
     seconds: tuple[Second, ...] = ()  # in time order, the last late_limit_s of them
     measurements: tuple[Measurement, ...] = ()  # in time order, from the first of `seconds` on
+    rate: int = 0  # of the sensor's grid, samples a second; 0 before the first sample
     tail: SampleTail = NO_TAIL
     t_samples_end_gps_ns: int | None = None  # of the last inertial sample
     stale_from: int | None = None  # first second whose emitted block is older than the filter's knowledge of it
+    late_in_a_row: int = 0  # inputs that came too late, since one that did not
     no_solution: str = ""  # why the last solution had no displacement to use
     counters: Mapping[str, int] = field(default_factory=dict)  # inputs not used, by reason
 
@@ -113,5 +115,9 @@ def initial_state(
     station: str, reference_position_ecef_m: Floats | tuple[float, float, float] | None = None
 ) -> FusionState:
     """A station's fusion before any input; gravity is the normal gravity at the reference position, if known."""
-    node = Node(None, np.zeros(N_STATES), np.zeros((N_STATES, N_STATES)), np.full(3, np.nan))
-    return FusionState(station, gravity_at_m_s2(reference_position_ecef_m), node)
+    return FusionState(station, gravity_at_m_s2(reference_position_ecef_m), unknown_node())
+
+
+def unknown_node() -> Node:
+    """The filter that has seen nothing."""
+    return Node(None, np.zeros(N_STATES), np.zeros((N_STATES, N_STATES)), np.full(3, np.nan))

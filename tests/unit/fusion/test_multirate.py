@@ -262,3 +262,29 @@ def test_samples_are_turned_to_enu_and_gravity_is_taken_off() -> None:
     sensor = replace(block(T0, np.zeros((100, 3))), specific_force_m_s2=force)
     state, _, _ = receive_inertial(state, sensor, turned)
     np.testing.assert_allclose(state.head.x[6:9], [0.3, 0.4, 0.0], atol=1e-12)
+
+
+def test_a_stamp_from_the_near_future_stops_the_filter_only_for_a_while() -> None:
+    solutions, blocks = shaken(60)
+    state, _ = feed(in_order(solutions[:20], blocks[:20]))
+    state, _ = feed([replace(blocks[20], t_first_gps_ns=T0 + 300 * S)], state=state)
+    state, published = feed(in_order(solutions[20:], blocks[20:]), state=state)
+    assert state.counters["restarted_after_a_wrong_time_stamp"] == 1
+    last = stored([m for m in published if m.t_first_gps_ns >= T0 + 30 * S])[T0 + 59 * S]
+    assert last.status is Status.PPP_FLOAT
+    assert np.abs(last.displacement_enu_m).max() < 0.08
+
+
+def test_a_reconverging_position_is_used_with_its_own_uncertainty() -> None:
+    """Half a metre off with a sigma of half a metre: the motion stays, its sigma and its status say converging."""
+    solutions, blocks = shaken(30)
+    for k in range(15, 30):
+        off = np.add(solutions[k].displacement_enu_m, [0.5, 0.0, 0.0])
+        weak = np.diag([0.25, 0.25, 0.25])
+        changed = replace(solutions[k], displacement_enu_m=off, covariance_enu_m2=weak, status=Status.CONVERGING)
+        solutions[k] = changed
+    _, published = feed(in_order(solutions, blocks))
+    last = stored(published)[T0 + 20 * S]
+    assert last.status is Status.CONVERGING
+    assert last.sigma_displacement_enu_m.min() > 0.5
+    assert np.abs(last.displacement_enu_m).max() < 0.1
