@@ -13,6 +13,8 @@ import zenoh
 
 Answer = Callable[[str, bytes], Awaitable[bytes | None]]
 OPEN_TIMEOUT_MS = 60_000
+BUSY_S = 0.002
+LINGER_S = 0.001
 
 
 class Message(NamedTuple):
@@ -39,6 +41,7 @@ class Inbox:
         self._bytes = 0
         self._max_bytes = max_bytes
         self._overflowed = False
+        self._last_get_s = 0.0
         self.dropped = 0
 
     def put(self, message: Message) -> None:
@@ -56,8 +59,14 @@ class Inbox:
                 self._loop.call_soon_threadsafe(self._ready.set)
 
     async def get(self) -> list[Message]:
-        """Everything that waits; sleeps until there is something."""
+        """Everything that waits; sleeps until there is something.
+
+        Under a stream of messages it lingers for a millisecond, so that one wake-up is for many.
+        """
         await self._ready.wait()
+        if self._loop.time() - self._last_get_s < BUSY_S:
+            await asyncio.sleep(LINGER_S)
+        self._last_get_s = self._loop.time()
         return self.get_nowait()
 
     def get_nowait(self) -> list[Message]:
@@ -123,7 +132,7 @@ class Bus:
         def receive(sample: Any) -> None:
             inbox.put(Message(str(sample.key_expr), sample.payload.to_bytes()))
 
-        return self._keep(self._session.declare_subscriber(key, receive))
+        return self._keep(self._session.declare_subscriber(key, _direct(receive)))
 
     def announce(self, key: str) -> Callable[[], None]:
         """A liveliness token: it vanishes for everybody within a moment of this process's end."""
@@ -135,7 +144,7 @@ class Bus:
         def receive(sample: Any) -> None:
             inbox.put(Message(str(sample.key_expr), b"", sample.kind == zenoh.SampleKind.PUT))
 
-        return self._keep(self._session.liveliness().declare_subscriber(key, receive, history=True))
+        return self._keep(self._session.liveliness().declare_subscriber(key, _direct(receive), history=True))
 
     def answer(self, key: str, handler: Answer) -> Callable[[], None]:
         """Answer queries under a key expression with what a coroutine makes of (key, payload); None: silence."""
@@ -233,6 +242,11 @@ class Outbox:
             for key, payload in batch:
                 with contextlib.suppress(zenoh.ZError):
                     self._bus.put(key, payload)
+
+
+def _direct(callback: Callable[[Any], None]) -> Any:
+    """A callback called on zenoh's receiving thread itself: only so is the order kept between subscriptions."""
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def resolve_port(endpoint: str) -> str:

@@ -1,7 +1,7 @@
 """A worker's ephemeris and correction books: fed by correction streams, saved now and then, restored in a take-over.
 
 Every worker feeds its own books with the same bytes in the same order. One of them (by rendezvous, like a station)
-stores a snapshot now and then in a ring of slots, so that whoever begins again finds one from before the bytes it needs.
+stores a snapshot now and then in a ring of slots, so that whoever begins again finds one older than the bytes it needs.
 """
 
 import logging
