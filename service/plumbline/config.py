@@ -52,11 +52,11 @@ class PositioningSettings(_Frozen):
     elevation_mask_deg: float = Field(7.0, ge=0, lt=90)
     motion: AntennaMotion = AntennaMotion.KINEMATIC
     ambiguity_resolution: Literal["off", "on"] = "off"
-    code_sigma_m: float = Field(0.3, gt=0)  # at the zenith, per signal
-    phase_sigma_m: float = Field(0.003, gt=0)
+    code_sigma_m: float = Field(0.15, gt=0)  # at the zenith, per signal; raised where the codes are noisier
+    phase_sigma_m: float = Field(0.002, gt=0)
     static_process_noise_m_sqrt_h: float = Field(0.0, ge=0)
-    zenith_delay_process_noise_m_sqrt_h: float = Field(0.006, ge=0)
-    gradient_process_noise_m_sqrt_h: float = Field(0.0006, ge=0)
+    zenith_delay_process_noise_m_sqrt_h: float = Field(0.008, ge=0)
+    gradient_process_noise_m_sqrt_h: float = Field(0.0003, ge=0)
     max_correction_age_s: float = Field(30.0, gt=0)  # clock; orbits and biases have their own, longer, limits
     max_orbit_correction_age_s: float = Field(120.0, gt=0)
     max_bias_age_s: float = Field(7200.0, gt=0)
