@@ -103,7 +103,7 @@ def whiten(inverse_factor: Floats, v: Floats) -> Floats:
 
 @njit(cache=True)
 def w_statistics(inverse_factor: Floats, white: Floats) -> Floats:
-    """w-test of each observation, ``(s⁻¹ v)ᵢ / √(s⁻¹)ᵢᵢ``, (m,): standard normal without an outlier (Teunissen 2006)."""
+    """w-test of each observation, ``(s⁻¹ v)ᵢ / √(s⁻¹)ᵢᵢ``, (m,): standard normal without an outlier."""
     m = white.size
     statistics = np.zeros(m)
     for i in range(m):
@@ -137,24 +137,24 @@ def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
         x[k] += gain[k] * v
     for i in range(n):  # a = (1 − k h) p
         if gain[i] != 0.0:
-            for j in range(n):
-                p[i, j] -= gain[i] * hp[j]
+            for k in range(n):
+                p[i, k] -= gain[i] * hp[k]
     for i in range(n):  # a (1 − k h)ᵀ + r k kᵀ
         ah = 0.0
         for j in used:
             ah += p[i, j] * h[j]
         hp[i] = ah
     for i in range(n):
-        for j in range(i + 1):
-            value = p[i, j] - hp[i] * gain[j] + r * gain[i] * gain[j]
-            p[i, j] = value
-            p[j, i] = value
+        for k in range(i + 1):
+            value = p[i, k] - hp[i] * gain[k] + r * gain[i] * gain[k]
+            p[i, k] = value
+            p[k, i] = value
     return variance
 
 
 @njit(cache=True)
 def update_sequential(x: Floats, p: Floats, h: Floats, r: Floats, v: Floats, use: NDArray[np.bool_]) -> None:
-    """Update ``x`` and ``p`` in place by the observations marked in ``use``; ``v`` are innovations at the ``x`` given."""
+    """Update ``x`` and ``p`` in place by the observations marked in ``use``; ``v`` belongs to the ``x`` given."""
     start = x.copy()
     for i in range(v.size):
         if use[i]:

@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 def solve(h: Floats, v: Floats, sigma: Floats) -> tuple[Floats, Floats, bool]:
     """Minimise ``Σ ((v − h x) / sigma)²``.
 
-    ``h`` (m, n), ``v`` and ``sigma`` (m,). Returns ``x`` (n,), its covariance (n, n) and whether the problem is solvable
-    (the normal matrix is positive definite, with no pivot below 1e-12 of its diagonal).
+    ``h`` (m, n), ``v`` and ``sigma`` (m,). Returns ``x`` (n,), its covariance (n, n) and whether the problem is
+    solvable (the normal matrix is positive definite, with no pivot below 1e-12 of its diagonal).
     """
     m, n = h.shape
     normal = np.zeros((n, n))

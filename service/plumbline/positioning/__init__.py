@@ -1,7 +1,12 @@
 """Epochs to solutions: real-time precise point positioning of one antenna.
 
-    epoch ► preprocess (signal pairs, ionosphere-free) ► satellites (orbits, clocks, biases) ► cycle_slip (arcs)
-          ► ppp_model (what should have been measured) ► ppp_filter (test, update) ► solution, or the reason for none
+    epoch ► preprocess (signal pairs, ionosphere-free) ► satellites (orbits, clocks, biases)
+          ► ppp_model (what should have been measured) ► cycle_slip (arcs)
+          ► ppp_noise (what to believe) ► ppp_filter (test, update) ► solution, or the reason for none
 
 ``ppp.step(state, epoch, source, settings, facts) -> (state, solution)`` is the whole of it.
 """
+
+from plumbline.positioning.warm_up import warm_up
+
+__all__ = ["warm_up"]

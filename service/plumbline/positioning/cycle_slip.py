@@ -1,7 +1,7 @@
 """Arcs: which satellites' phases carry on from the epoch before, and which begin anew.
 
-An ambiguity begins anew when the receiver says so (loss of lock, lock time, half-cycle flag), when the pair of signals or
-the corrections' discontinuity counter changes, and when the data say so: the geometry-free phase leaves its own
+An ambiguity begins anew when the receiver says so (loss of lock, lock time, half-cycle flag), when the pair of signals
+or the corrections' discontinuity counter changes, and when the data say so: the geometry-free phase leaves its own
 extrapolation, or Melbourne-Wübbena its mean over the arc. Thresholds follow the interval between epochs, since at 30 s
 the ionosphere moves centimetres and at 1 Hz millimetres. One cycle on both frequencies leaves Melbourne-Wübbena
 untouched and moves the geometry-free phase by 5 cm: what hides there is left to the filter's own test.
@@ -55,7 +55,7 @@ def _told(pair, arc, dt_s: float) -> bool:  # type: ignore[no-untyped-def]
     if np.isnan(pair.lock_time_s):
         return False
     # The indicator holds at least half the true lock time (DF402: powers of two).
-    return pair.lock_time_s < arc.lock_time_s - 1e-3 or 2.0 * pair.lock_time_s + 0.064 < dt_s
+    return bool(pair.lock_time_s < arc.lock_time_s - 1e-3 or 2.0 * pair.lock_time_s + 0.064 < dt_s)
 
 
 @njit(cache=True)
@@ -68,7 +68,7 @@ def _seen(pair, arc, dt_s: float, sine: float) -> bool:  # type: ignore[no-untyp
     if abs(pair.geometry_free_m - arc.geometry_free_m - rate * dt_s) > limit:
         return True
     sigma = _WIDE_LANE_SIGMA_CYCLES / sine * np.sqrt(1.0 + 1.0 / arc.wide_lane_count)
-    return abs(pair.wide_lane_cycles - arc.wide_lane_cycles) > _FACTOR * sigma
+    return bool(abs(pair.wide_lane_cycles - arc.wide_lane_cycles) > _FACTOR * sigma)
 
 
 @njit(cache=True)
@@ -107,7 +107,7 @@ def _begin(arc, pair, t_ns: int, phase_minus_code_m: float) -> None:  # type: ig
 
 @njit(cache=True)
 def _merge(arcs, pairs, sine, t_ns, max_gap_ns, phase_jump_m, out, previous, arc_of_pair):  # type: ignore[no-untyped-def]
-    """Merge old arcs and this epoch's pairs, both ordered by satellite, into ``out``; returns how many arcs there are."""
+    """Merge old arcs and this epoch's pairs, both ordered by satellite, into ``out``; returns how many there are."""
     made, old = 0, 0
     for i in range(pairs.size + 1):
         until = pairs[i].satellite if i < pairs.size else 32_767

@@ -10,7 +10,7 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class OceanLoading:
-    """A station's BLQ table: amplitudes (3, 11), m, and phase lags (3, 11), rad, as :mod:`plumbline.files.blq` reads."""
+    """A BLQ table as :mod:`plumbline.files.blq` reads it: amplitudes (3, 11), m, and phase lags (3, 11), rad."""
 
     amplitude_m: Floats
     phase_rad: Floats

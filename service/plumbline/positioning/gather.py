@@ -1,4 +1,4 @@
-"""Everything about one epoch before the filter sees it: signal pairs, satellites, and the model of what they measure."""
+"""All that an epoch needs before the filter sees it: signal pairs, satellites, the model of what they measure."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -84,7 +84,8 @@ def site_of(marker_ecef_m: Floats, facts: StationFacts, t_gps_ns: int) -> Site:
         offset_enu += ocean_loading_enu_m(
             facts.ocean_loading.amplitude_m, facts.ocean_loading.phase_rad, t_gps_ns, leap_s
         )  # fmt: skip
-    point = marker_ecef_m + rotation.T @ offset_enu + solid_earth_tide_ecef_m(marker_ecef_m, sun, moon, t_gps_ns, leap_s)
+    tide_m = solid_earth_tide_ecef_m(marker_ecef_m, sun, moon, t_gps_ns, leap_s)
+    point = marker_ecef_m + rotation.T @ offset_enu + tide_m
     return Site(point, rotation, troposphere_site(place[0], place[1], place[2], t_gps_ns), sun)
 
 

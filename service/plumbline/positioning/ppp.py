@@ -16,7 +16,7 @@ from plumbline.positioning.cycle_slip import code_only_clock_jump_m, update_arcs
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.gather import Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
 from plumbline.positioning.ppp_model import keep_wind_up
-from plumbline.positioning.ppp_noise import Tuning, tuning_of, variances
+from plumbline.positioning.ppp_noise import Tuning, code_scale, tuning_of, variances
 from plumbline.positioning.reasons import missing_systems, too_few
 from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
 from plumbline.positioning.solutions import letters_of, no_position, point_solution, precise_solution, rotation_at
@@ -26,8 +26,8 @@ from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
 _NS: Final = 1_000_000_000
 _MIN_SATELLITES: Final = 4  # and one more for every system beyond the first
 _START_SIGMA_M: Final = 30.0
-_ZENITH_WET_SIGMA_M: Final = 0.1
-_GRADIENT_SIGMA_M: Final = 0.001
+_ZENITH_WET_SIGMA_M: Final = 0.06
+_GRADIENT_SIGMA_M: Final = 0.0005
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 _REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
@@ -129,9 +129,7 @@ def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, st
     )  # fmt: skip
 
 
-def _start(
-    state: PppState, inputs: _Inputs, source: SatelliteSource
-) -> tuple[PppState, Solution, EpochQuality | None]:
+def _start(state: PppState, inputs: _Inputs, source: SatelliteSource) -> tuple[PppState, Solution, EpochQuality | None]:
     """Begin the filter from a single-point position of the precise satellites."""
     point = point_of(inputs.pairs, inputs.states, None)
     if point is None:
@@ -171,10 +169,12 @@ def _filter(
     x, p = ppp_filter.carry_over(state.x, state.p, previous)
     if dt_s > 0.0:
         ppp_filter.predict_state(p, arcs, dt_s, tuning)
-    if ppp_filter.foretell_clocks(x, p, rows, pairs) > _LOST_M and dt_s > 0.0:
+    misclosure_m = ppp_filter.foretell_clocks(x, p, rows, pairs)
+    if np.nanmedian(np.abs(misclosure_m)) > _LOST_M and dt_s > 0.0:
         return _start(replace(state, t_gps_ns=None), inputs, source)
     ppp_filter.begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
-    code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, tuning)
+    scale = code_scale(misclosure_m, rows, pairs, tuning)
+    code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
     h, v, r, kind = ppp_filter.observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
     used, whitened, nis, agrees = ppp_filter.update(x, p, h, v, r, max(2, kind.size // 6))
     quality = EpochQuality(kind, pairs, used, whitened, nis, h, v, r)
@@ -197,7 +197,8 @@ def _finish(
     sigma_m = float(np.sqrt(np.trace(state.p[POSITION, POSITION])))
     converged = sigma_m <= inputs.settings.converged_sigma_m
     if converged and state.t_converged_gps_ns is None:
-        reference = state.reference_position_ecef_m or tuple(float(v) for v in state.x[POSITION])
+        x, y, z = state.x[POSITION].tolist()
+        reference = state.reference_position_ecef_m or (x, y, z)
         state = replace(state, t_converged_gps_ns=epoch.t_gps_ns, reference_position_ecef_m=reference)
     seen = np.unique(quality.kind[quality.used] // 2)
     ages = inputs.states.age_s[seen]

@@ -1,7 +1,7 @@
 """The position filter: prediction, the test of an epoch's observations, and the update.
 
-Observation rows are ordered pair by pair, code before phase. Positions are corrected in Earth-fixed metres; all systems'
-clocks move together with the receiver's (white noise, foretold by the codes) and slowly against each other.
+Observation rows are ordered pair by pair, code before phase. Positions are Earth-fixed metres; all systems' clocks move
+together with the receiver's (white noise, foretold by the codes) and slowly against each other.
 """
 
 from typing import Final
@@ -72,14 +72,14 @@ def predict_state(p: Floats, arcs: Records, dt_s: float, tuning: Tuning) -> None
 def _reduced(row, x: Floats) -> float:  # type: ignore[no-untyped-def]
     """Prediction without receiver clock, wind-up and ambiguity."""
     troposphere = row.wet * x[ZENITH_DELAY] + row.gradient_north * x[_NORTH] + row.gradient_east * x[_EAST]
-    return row.predicted_m + troposphere
+    return float(row.predicted_m + troposphere)
 
 
 @njit(cache=True)
-def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> float:
+def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> Floats:
     """Move the clocks to where the codes see them, in place; begin those of systems not seen before.
 
-    Returns the median absolute difference of the codes from that, m: large where the position is wrong.
+    Returns what is left between codes and prediction, m (n,), NaN where not usable: large where the position is wrong.
     """
     misclosure, active = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     for i in range(rows.size):
@@ -105,7 +105,7 @@ def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> floa
             for i in range(rows.size):
                 if pairs[i].system == system:
                     misclosure[i] -= x[k]
-    return np.nanmedian(np.abs(misclosure))
+    return misclosure
 
 
 @njit(cache=True)
@@ -136,7 +136,7 @@ def _design_row(h: Floats, row, system: int) -> None:  # type: ignore[no-untyped
 def observation_equations(
     x: Floats, rows: Records, pairs: Records, arc_of_pair: Ints, code_variance: Floats, phase_variance: Floats
 ) -> tuple[Floats, Floats, Floats, Ints]:
-    """Design (m, n), innovations (m,), variances (m,) and, of each row, 2·pair for a code and 2·pair + 1 for a phase."""
+    """Design (m, n), innovations and variances (m,) and of each row 2·pair for a code, 2·pair + 1 for a phase."""
     most = 2 * rows.size
     h, v, r = np.zeros((most, x.size)), np.zeros(most), np.zeros(most)
     kind = np.zeros(most, np.int64)

@@ -2,11 +2,11 @@
 
 Elevation: σ = σ₀ / sin(elevation), σ₀ per signal, times the combination's factor √(α² + β²).
 
-Code: white noise and, for ever the same, what is left of satellite, receiver and multipath bias. A filter that took both
-for white would trust the mean of a thousand codes to a centimetre. Here the codes of one arc carry as much information
-as a mean with a constant bias does, ``I = 1 / (1/Σσ⁻² + σ_b²)``, and an epoch enters with what it adds to ``I``: exactly
-the estimate that a bias state a satellite would give for a constant ambiguity, without the state. Multipath stays alike
-for a minute, so faster rates do not add information either.
+Code: white noise and, for ever the same, what is left of satellite, receiver and multipath bias. A filter that took
+both for white would trust the mean of a thousand codes to a centimetre. Here the codes of one arc carry as much
+information as a mean with a constant bias does, ``I = 1 / (1/Σσ⁻² + σ_b²)``, and an epoch enters with what it adds to
+``I``: the estimate that a bias state a satellite would give for a constant ambiguity, without the state. Multipath
+stays alike for half a minute, so that faster rates do not add information.
 
 Phase: white noise; the slow part of orbit, clock and multipath errors is the ambiguities' random walk.
 """
@@ -59,9 +59,9 @@ def tuning_of(settings: PositioningSettings) -> Tuning:
         zenith_delay_m_sqrt_s=settings.zenith_delay_process_noise_m_sqrt_h * per_sqrt_s,
         gradient_m_sqrt_s=settings.gradient_process_noise_m_sqrt_h * per_sqrt_s,
         common_clock_m=30.0,
-        system_clock_m_sqrt_s=0.0005,
-        ambiguity_m_sqrt_s=0.0001,
-        known_bias_m=0.3,
+        system_clock_m_sqrt_s=0.0002,
+        ambiguity_m_sqrt_s=0.0003,
+        known_bias_m=0.15,
         unknown_bias_m=1.0,
         glonass_bias_m=3.0,
         beidou_bias_m=1.0,
@@ -73,7 +73,7 @@ def tuning_of(settings: PositioningSettings) -> Tuning:
 @njit(cache=True)
 def _is_geo(pair) -> bool:  # type: ignore[no-untyped-def]
     number = pair.satellite % 64 + 1
-    return pair.system == _BEIDOU and (number <= 5 or number >= 59)
+    return bool(pair.system == _BEIDOU and (number <= 5 or number >= 59))
 
 
 @njit(cache=True)
@@ -91,14 +91,33 @@ def _factor(pair, sine: float, tuning: Tuning) -> float:  # type: ignore[no-unty
     """From the sigma of one signal at the zenith to that of the combination at an elevation."""
     combination = np.sqrt(pair.alpha * pair.alpha + (pair.alpha - 1.0) * (pair.alpha - 1.0))
     geo = tuning.geo_factor if _is_geo(pair) else 1.0
-    return combination * geo / max(sine, _LOWEST_SINE)
+    return float(combination * geo / max(sine, _LOWEST_SINE))
+
+
+@njit(cache=True)
+def code_scale(misclosure_m: Floats, rows: Records, pairs: Records, tuning: Tuning) -> float:
+    """How much noisier (1: not at all) than thought an epoch's codes are: their median misclosure over its sigma.
+
+    ``misclosure_m`` (n,) code less prediction with the receiver's clocks. Receivers differ by a factor of four; one
+    whose codes are worse than the settings say has them believed less instead of rejected one by one.
+    """
+    ratio = np.full(rows.size, np.nan)
+    for i in range(rows.size):
+        if rows[i].usable:
+            white = _factor(pairs[i], rows[i].sine, tuning) * tuning.code_sigma_m
+            ratio[i] = abs(misclosure_m[i]) / np.sqrt(white**2 + _bias_sigma_m(pairs[i], tuning) ** 2)
+    scale = np.nanmedian(ratio) / 0.6745
+    return scale if scale > 1.0 else 1.0
 
 
 @njit(cache=True)
 def variances(
-    rows: Records, pairs: Records, arcs: Records, arc_of_pair: Ints, dt_s: float, tuning: Tuning
+    rows: Records, pairs: Records, arcs: Records, arc_of_pair: Ints, dt_s: float, scale: float, tuning: Tuning
 ) -> tuple[Floats, Floats, Floats]:
-    """Variances (m²) of each pair's code and phase, and what the code adds to its arc's weight (1/m²). All (n,)."""
+    """Variances (m²) of each pair's code and phase, and what the code adds to its arc's weight (1/m²). All (n,).
+
+    ``scale`` multiplies the codes' white noise (:func:`code_scale`).
+    """
     n = rows.size
     code, phase, added = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
     for i in range(n):
@@ -106,7 +125,7 @@ def variances(
             continue
         factor = _factor(pairs[i], rows[i].sine, tuning)
         alike = max(1.0, tuning.code_correlation_s / dt_s) if dt_s > 0.0 else 1.0
-        white = (factor * tuning.code_sigma_m) ** 2
+        white = (scale * factor * tuning.code_sigma_m) ** 2
         bias = _bias_sigma_m(pairs[i], tuning) ** 2
         phase[i] = (factor * tuning.phase_sigma_m) ** 2
         if arc_of_pair[i] < 0:

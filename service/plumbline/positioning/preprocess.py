@@ -1,9 +1,9 @@
 """Observation rows to signal pairs: one dual-frequency pair a satellite, and the combinations that positioning uses.
 
-Which pair: of the bands that the precise clocks refer to (GPS and GLONASS 1/2, Galileo E1/E5a, BeiDou B1I/B3I) where both
-are there, else the next. In a band, the code whose bias is known, then the one the clocks refer to (W before C …), and
-the phase, of the same signal or another (receivers track GPS L1 P(Y) on the phase of C/A). An arc keeps its phases as
-long as both are observed: a change of signal is a new ambiguity. A satellite with one frequency alone gives a code.
+Which pair: of the bands that the precise clocks refer to (GPS and GLONASS 1/2, Galileo E1/E5a, BeiDou B1I/B3I) where
+both are there, else the next. In a band, the code whose bias is known, then the one the clocks refer to (W before C …),
+and the phase, of the same signal or another (receivers track GPS L1 P(Y) on the phase of C/A). An arc keeps its phases
+as long as both are observed: a change of signal is a new ambiguity. A satellite with one frequency alone gives a code.
 
 Ionosphere-free: ``α·1 − β·2`` with ``α = f₁²/(f₁² − f₂²)``, ``β = α − 1``. Geometry-free: ``λ₁φ₁ − λ₂φ₂``. Wide lane:
 Melbourne-Wübbena, ``φ₁ − φ₂ − (f₁P₁ + f₂P₂)/((f₁ + f₂) λ_w)``, cycles (Melbourne 1985; Wübbena 1985).
@@ -134,7 +134,7 @@ def _phase_costs(signal: NDArray[np.int16], phase: Floats) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def _phase_rows(first, last, system, wanted, signal, code_cost, phase_cost):  # type: ignore[no-untyped-def]
-    """Rows of the two phases: those of the arc (``wanted`` = its signals) where observed, else of the best band pair."""
+    """Rows of the two phases: those of the arc (signals ``wanted``) where observed, else of the best band pair."""
     row_1 = _row_of(first, last, wanted[0], signal, phase_cost)
     row_2 = _row_of(first, last, wanted[1], signal, phase_cost)
     if row_1 >= 0 and row_2 >= 0 and _codes_of(first, last, row_1, row_2, signal, code_cost)[1] >= 0:

@@ -28,33 +28,27 @@ def _age_text(ages_s: Sequence[float], limit_s: float) -> str:
     return f": last {min(known):.0f} s ago{limit}"
 
 
+_TEXTS: Final[dict[Cause, str]] = {
+    Cause.USABLE: "",
+    Cause.NO_EPHEMERIS: "no ephemeris for {who}",
+    Cause.EPHEMERIS_TOO_OLD: "ephemeris of {who} too old",
+    Cause.UNHEALTHY: "{who} marked unhealthy",
+    Cause.NO_CORRECTIONS: "no corrections for {who}",
+    Cause.CORRECTIONS_TOO_OLD: "no corrections for {who}{age}",
+    Cause.ISSUE_MISMATCH: "corrections for {who} refer to ephemerides that have not been received",
+    Cause.NO_PRECISE_ORBIT: "no precise orbit for {who} at this time",
+    Cause.NO_PRECISE_CLOCK: "no precise clock for {who} at this time",
+    Cause.NO_CHANNEL: "frequency channel of {who} not known",
+}
+
+
 def cause_text(cause: Cause, who: str, ages_s: Sequence[float] = (), limit_s: float = np.nan) -> str:
     """One cause in words; ``who`` names a system or some of its satellites."""
-    match cause:
-        case Cause.NO_EPHEMERIS:
-            return f"no ephemeris for {who}"
-        case Cause.EPHEMERIS_TOO_OLD:
-            return f"ephemeris of {who} too old{_age_text(ages_s, np.nan)}"
-        case Cause.UNHEALTHY:
-            return f"{who} marked unhealthy"
-        case Cause.NO_CORRECTIONS:
-            return f"no corrections for {who}"
-        case Cause.CORRECTIONS_TOO_OLD:
-            return f"no corrections for {who}{_age_text(ages_s, limit_s)}"
-        case Cause.ISSUE_MISMATCH:
-            return f"corrections for {who} refer to ephemerides that have not been received"
-        case Cause.NO_PRECISE_ORBIT:
-            return f"no precise orbit for {who} at this time"
-        case Cause.NO_PRECISE_CLOCK:
-            return f"no precise clock for {who} at this time"
-        case Cause.NO_CHANNEL:
-            return f"frequency channel of {who} not known"
-        case _:
-            return ""
+    return _TEXTS[cause].format(who=who, age=_age_text(ages_s, limit_s))
 
 
 def missing_systems(systems: str, pairs: Records, states: SatelliteStates) -> str:
-    """Why wanted and observed systems do not contribute, or less than half of their satellites do; empty: they all do."""
+    """Why wanted, observed systems do not contribute, or less than half of their satellites do; empty: they all do."""
     texts = []
     for letter in systems:
         system = system_of_letter(letter)

@@ -1,9 +1,9 @@
 """What positioning asks of orbits, clocks and biases: one protocol, two implementations.
 
-:class:`~plumbline.positioning.precise_source.PreciseSource` reads SP3, CLK and ANTEX products;
-:class:`~plumbline.positioning.broadcast_source.BroadcastSource` reads broadcast ephemerides and SSR corrections from the
-books of :mod:`plumbline.epochs`, as of the epoch's receive time. A satellite that cannot be used is not left out: its row
-carries the cause, so that a station's status can say what is missing.
+:class:`~plumbline.positioning.precise_source.PreciseSource` reads SP3 and CLK products;
+:class:`~plumbline.positioning.broadcast_source.BroadcastSource` reads broadcast ephemerides and SSR corrections from
+the books of :mod:`plumbline.epochs`, as of the epoch's receive time. A satellite that cannot be used is not left out:
+its row carries the cause, so that a station's status can say what is missing.
 """
 
 from dataclasses import dataclass
@@ -86,4 +86,5 @@ class SatelliteSource(Protocol):
 
 def usable(states: SatelliteStates) -> Booleans:
     """Rows that may be used, (n,)."""
-    return states.cause == Cause.USABLE
+    mask: Booleans = states.cause == Cause.USABLE
+    return mask

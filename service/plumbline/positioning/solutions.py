@@ -33,7 +33,8 @@ def displacement_enu_m(position_ecef_m: Floats, reference: Vector3 | None) -> Fl
     if reference is None:
         return None
     start = np.array(reference)
-    return rotation_at(start) @ (position_ecef_m - start)
+    displacement: Floats = rotation_at(start) @ (position_ecef_m - start)
+    return displacement
 
 
 def letters_of(systems: Floats) -> str:

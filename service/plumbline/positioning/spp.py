@@ -40,7 +40,7 @@ class PointSolution:
 def _troposphere_m(height_m: float, sine: float) -> float:
     """Slant delay of a standard atmosphere: 2.4 m at sea level, mapping of Black & Eisner (RTCA DO-229D, A.4.2.4)."""
     zenith = 2.4 * np.exp(-min(max(height_m, -500.0), 9000.0) / 7500.0)
-    return zenith * 1.001 / np.sqrt(0.002001 + sine * sine)
+    return float(zenith * 1.001 / np.sqrt(0.002001 + sine * sine))
 
 
 @njit(cache=True)
@@ -170,7 +170,7 @@ def _dilution(position: Floats, satellite_m: Floats, system: NDArray[np.int8], u
     if not positive:
         return np.nan
     inverse = lower_inverse(factor)
-    return np.sqrt(np.sum(inverse[:, :3] * inverse[:, :3]))
+    return float(np.sqrt(np.sum(inverse[:, :3] * inverse[:, :3])))
 
 
 def single_point(
