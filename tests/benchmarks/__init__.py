@@ -1,0 +1,1 @@
+"""Speed against the peers, measured on the same input in the same run: `make bench`."""
