@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from plumbline.errors import PlumblineError
 from plumbline.signals import SYSTEM_LETTERS
-from plumbline_dtu import simulate_cli
+from plumbline_dtu import demo, simulate_cli
 from plumbline_dtu.convert import Conversion, convert
 from plumbline_dtu.device import DeviceOptions, bytes_of, parse_address, tls_context
 from plumbline_dtu.replay import Replay, play
@@ -36,7 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_replay(commands.add_parser("replay", help="play RTCM3 recordings as DTUs would have sent them"))
     _add_convert(commands.add_parser("convert", help="RINEX, SP3 and clocks to RTCM3 streams"))
     simulate_cli.add_simulate(commands.add_parser("simulate", help="stations with a known motion"))
-    simulate_cli.add_demo(commands.add_parser("demo", help="a server and three simulated stations"))
+    demo.add_demo(commands.add_parser("demo", help="a server and three simulated stations"))
     return parser
 
 
@@ -154,7 +154,11 @@ def _convert(parsed: argparse.Namespace) -> int:
         max_epochs=parsed.max_epochs,
     )
     with tqdm(total=100, unit="%", disable=None) as bar:
-        summary = convert(conversion, lambda fraction: bar.update(round(100 * fraction) - bar.n) and None)
+
+        def progress(fraction: float) -> None:
+            bar.update(round(100 * fraction) - bar.n)
+
+        summary = convert(conversion, progress)
     print(json.dumps(summary, indent=2))
     return 0
 

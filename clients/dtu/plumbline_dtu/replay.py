@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from plumbline.epochs.recording import Piece, merge, read_recording
 from plumbline.gps_time import NS_PER_S, gps_ns_from_unix_ns
 from plumbline_dtu.device import Device, DeviceCounters, DeviceOptions
-from plumbline_dtu.recording import Piece, merge, read_recording
 
 _ALIGNMENT_NS = 60 * NS_PER_S
 _NAME = b"{name}"

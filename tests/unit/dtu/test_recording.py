@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from tests.unit.dtu.frames import inertial, msm
 
+from plumbline.epochs.recording import merge, read_recording
 from plumbline.gps_time import NS_PER_S
 from plumbline.rtcm3 import frame
 from plumbline.signals import System
-from plumbline_dtu.recording import merge, read_recording
 
 WEEK_S = 604_800
 
