@@ -44,7 +44,9 @@ class AlertsState:
     """A station's thresholds' phases, and what data health and rates need to be remembered."""
 
     thresholds: Mapping[str, ThresholdState] = field(default_factory=dict)
-    t_position_gps_ns: int | None = None  # of the last solution with a position
+    t_epoch_gps_ns: int | None = None  # the last decoded epoch that a status spoke of …
+    t_epoch_receive_ns: int | None = None  # … and when it first did
+    t_position_receive_ns: int | None = None  # of the last solution with a position
     t_begin_receive_ns: int | None = None  # of the first record at all
     means: tuple[tuple[int, float, float, float], ...] = ()  # block means of the last RATE_WINDOW_S: t, E, N, U
 
@@ -68,9 +70,10 @@ def evaluate(
     begin = record.t_receive_ns if state.t_begin_receive_ns is None else state.t_begin_receive_ns
     state = replace(state, thresholds=kept, t_begin_receive_ns=begin)
     if isinstance(record, Solution):
-        latest = max(record.t_gps_ns, state.t_position_gps_ns or record.t_gps_ns)
-        return (replace(state, t_position_gps_ns=latest) if record.status.has_position else state), []
+        return (replace(state, t_position_receive_ns=record.t_receive_ns) if record.status.has_position else state), []
     if isinstance(record, StationStatus):
+        if record.last_epoch_gps_ns != state.t_epoch_gps_ns:
+            state = replace(state, t_epoch_gps_ns=record.last_epoch_gps_ns, t_epoch_receive_ns=record.t_receive_ns)
         return _each(state, [t for t in own if t.quantity in HEALTH], record)
     state = _with_mean(state, record)
     return _each(state, [t for t in own if t.quantity not in HEALTH], record)
@@ -122,14 +125,15 @@ def _judge_motion(state: AlertsState, threshold: Threshold, phase: ThresholdStat
     )
 
 
-def _judge_health(state: AlertsState, threshold: Threshold, status: StationStatus) -> Judgement | None:
-    """Silence grows with the receive clock, which is the event's clock here."""
-    begin = state.t_begin_receive_ns if state.t_begin_receive_ns is not None else status.t_receive_ns
-    since = status.last_epoch_gps_ns if threshold.quantity == DATA_GAP else state.t_position_gps_ns
-    silence_ns = status.t_receive_ns - (since if since is not None else begin)
-    value = max(silence_ns, 0) / NS_PER_S
+def _judge_health(state: AlertsState, threshold: Threshold, status: StationStatus) -> Judgement:
+    """Silence is measured on the receive clock, which is the event's clock here: a recording's own times may be years
+    old.
+    """
+    heard_ns = state.t_epoch_receive_ns if threshold.quantity == DATA_GAP else state.t_position_receive_ns
+    since_ns = heard_ns if heard_ns is not None else (state.t_begin_receive_ns or status.t_receive_ns)
+    value = max(status.t_receive_ns - since_ns, 0) / NS_PER_S
     exceeds = value > threshold.level
-    crossed = (since if since is not None else begin) + round(threshold.level * NS_PER_S)
+    crossed = since_ns + round(threshold.level * NS_PER_S)
     return Judgement(
         t_first_gps_ns=status.t_receive_ns,
         t_last_gps_ns=status.t_receive_ns,

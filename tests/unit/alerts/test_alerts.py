@@ -154,6 +154,14 @@ def test_every_listed_quantity_can_be_judged() -> None:
         replace(motion(k, 0.0), displacement_enu_m=ones * (k + 1), velocity_enu_m_s=ones, acceleration_enu_m_s2=ones)
         for k in range(40)
     ]
-    records: list[Motion | Solution | StationStatus] = [*moved, status(41, 40)]
+    records: list[Motion | Solution | StationStatus] = [*moved, status(41, 40), status(43, 40)]
     _, events = run(records, *thresholds)
     assert {e.quantity for e in events} == set(QUANTITIES)
+
+
+def test_the_replay_of_an_old_recording_is_not_silent() -> None:
+    """Epochs of eight years ago, one a second of receive time: no gap; then they stop."""
+    old = 8 * 365 * 86_400
+    records = [status(k, min(k, 20) - old) for k in range(40)]
+    _, events = run(records, Threshold("gap", "A", "data_gap", 10.0))
+    assert kinds(events) == [(AlertState.ACTIVE, 30.0)]
