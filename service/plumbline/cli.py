@@ -5,7 +5,11 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import NoReturn
+
+from tqdm import tqdm
 
 from plumbline import __version__
 from plumbline.config import AntennaMotion, Mode, read_server_settings
@@ -104,8 +108,6 @@ def _serve(options: argparse.Namespace) -> int:
 
 
 def _process(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from plumbline import offline
 
     if options.mode == "fuse":
@@ -115,17 +117,21 @@ def _process(options: argparse.Namespace) -> int:
     mode = Mode(options.mode)
     settings = offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
-        options.ar, options.rotation_deg,
+        options.ar, options.rotation_deg, options.antex,
     )  # fmt: skip
     request = offline.ProcessRequest(
         settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
-        options.antex, tuple(options.accel), tuple(options.pole_zero), gps_ns_from_unix_ns(time.time_ns()),
+        tuple(options.accel), tuple(options.pole_zero), gps_ns_from_unix_ns(time.time_ns()),
     )  # fmt: skip
     with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
-        outputs = offline.run(request, lambda fraction: bar.update(100 * fraction - bar.n) and None)
+        outputs = offline.run(request, partial(_advance, bar))
     rows = offline.write_csv(options.output, outputs, mode)
     print(f"{options.output}: {rows} rows", file=sys.stderr)
     return 0
+
+
+def _advance(bar: "tqdm[NoReturn]", fraction: float) -> None:
+    bar.update(100 * fraction - bar.n)
 
 
 def _fuse(options: argparse.Namespace) -> int:

@@ -60,6 +60,8 @@ class PositioningSettings(_Frozen):
     max_correction_age_s: float = Field(30.0, gt=0)  # clock; orbits and biases have their own, longer, limits
     max_orbit_correction_age_s: float = Field(120.0, gt=0)
     max_bias_age_s: float = Field(7200.0, gt=0)
+    galileo_message: Literal["INAV", "FNAV"] = "INAV"  # the ephemerides that the corrections' clocks refer to
+    corrections_refer_to: Literal["phase_centre", "centre_of_mass"] = "phase_centre"  # the corrected orbits
     max_gap_s: float = Field(600.0, gt=0)  # the filter's ambiguities are kept over gaps up to this
     converged_sigma_m: float = Field(0.05, gt=0)  # three-dimensional sigma at which "converging" ends
 
@@ -92,7 +94,8 @@ class StationSettings(_Frozen):
     mode: Mode = Mode.PPP_ACCEL
     reference_position_ecef_m: Vector3 | None = None  # None: the first converged position becomes it
     reference_frame: str = "ITRF2020"
-    antenna_type: str | None = None
+    antenna_type: str | None = None  # IGS name and radome; None: what the stream says
+    antex: str | None = None  # path of a file of antenna calibrations
     antenna_height_m: float = 0.0  # reference point above the marker
     correction_streams: tuple[StationId, ...] = ()  # streams whose ephemerides and SSR this station uses; empty: all
     ocean_loading_blq: str | None = None  # path of a BLQ file

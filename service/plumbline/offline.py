@@ -10,13 +10,14 @@ import heapq
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from plumbline.config import AntennaMotion, Mode, StationSettings
-from plumbline.epochs.recording import read_recording
+from plumbline.epochs.recording import Piece, read_recording
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.errors import ConfigurationError
 from plumbline.files.rinex_clock import read_clocks
@@ -28,7 +29,7 @@ from plumbline.gps_time import NS_PER_S
 from plumbline.pipeline import Pipeline
 from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
 from plumbline.positioning.satellites import SatelliteSource
-from plumbline.records import InertialBlock, Motion, Output, Solution
+from plumbline.records import AntennaDescription, Epoch, InertialBlock, Motion, Output, Solution
 
 COLUMNS: Final = (
     "t_gps_s", "status", "n_satellites", "e_m", "n_m", "u_m", "sigma_e_m", "sigma_n_m", "sigma_u_m",
@@ -48,7 +49,6 @@ class ProcessRequest:
     ssr: tuple[Path, ...] = ()
     sp3: tuple[Path, ...] = ()
     clk: tuple[Path, ...] = ()
-    antex: Path | None = None
     accel: tuple[Path, ...] = ()
     pole_zero: tuple[Path, ...] = ()  # of `accel`
     t_near_gps_ns: int = 0  # settles the week of recordings without ephemerides
@@ -87,6 +87,7 @@ def run(request: ProcessRequest, report: Callable[[float], None] = lambda fracti
     books = Books()
     t_near_ns = _load_navigation(request, books)
     pipeline = Pipeline(request.settings, (), books, source=_precise_source(request))
+    pipeline.state.description = AntennaDescription(0, antenna_type=_antenna_type(request.obs))
     progress = Progress(report=report)
     streams: list[Iterable[Event]] = [_observation_events(path, t_near_ns, progress) for path in request.obs]
     streams += [_correction_events(path, books, t_near_ns) for path in (*request.ssr, *_recordings(request.nav))]
@@ -129,9 +130,15 @@ def _time_of_ephemerides(path: Path, t_near_ns: int) -> int | None:
     books, decoder = Books(), StreamDecoder()
     for piece in read_recording(path, path.name):
         for message in decoder.receive(piece.data):
-            if books.learn(message, t_near_ns) and books.time_base.known:
+            books.learn(message, t_near_ns)
+            if books.time_base.known:
                 return books.time_base.near(t_near_ns)
     return None
+
+
+def _antenna_type(paths: Sequence[Path]) -> str | None:
+    """What a RINEX header says of its antenna; recordings say it in their own messages."""
+    return next((RinexObservations(path).header.antenna_type for path in paths if is_rinex(path)), None)
 
 
 def _precise_source(request: ProcessRequest) -> SatelliteSource | None:
@@ -149,23 +156,18 @@ def _observation_events(path: Path, t_near_ns: int, progress: Progress) -> Itera
         observations = RinexObservations(path)
         for epoch in observations:
             progress.at(observations.fraction)
-            yield Event(epoch.t_receive_ns, lambda pipeline, epoch=epoch: pipeline.process_epoch(epoch))
+            yield Event(epoch.t_receive_ns, partial(_deliver_epoch, epoch))
         return
     pieces = read_recording(path, path.name, t_near_ns=t_near_ns)
     for i, piece in enumerate(pieces):
         progress.at((i + 1) / len(pieces))
-        yield Event(piece.t_ns, lambda pipeline, p=piece: pipeline.receive(p.data, p.t_ns))
+        yield Event(piece.t_ns, partial(_deliver_piece, piece))
 
 
 def _correction_events(path: Path, books: Books, t_near_ns: int) -> Iterator[Event]:
     feed = NavigationFeed(path.name, books)
-
-    def deliver(data: bytes, t_receive_ns: int) -> list[Output]:
-        feed.receive(data, t_receive_ns)
-        return []
-
     for piece in read_recording(path, path.name, t_near_ns=t_near_ns):
-        yield Event(piece.t_ns, lambda _, p=piece: deliver(p.data, p.t_ns))
+        yield Event(piece.t_ns, partial(_deliver_correction, feed, piece))
 
 
 def _inertial_events(request: ProcessRequest, t_near_ns: int) -> Iterator[Event]:
@@ -183,7 +185,24 @@ def _inertial_events(request: ProcessRequest, t_near_ns: int) -> Iterator[Event]
         t_first_ns = series.t_first_gps_ns + start * series.interval_ns
         t_last_ns = t_first_ns + len(values) * series.interval_ns
         block = InertialBlock(t_first_ns, t_last_ns, series.interval_ns, values)
-        yield Event(t_last_ns, lambda pipeline, block=block: pipeline.receive_inertial(block))
+        yield Event(t_last_ns, partial(_deliver_samples, block))
+
+
+def _deliver_epoch(epoch: Epoch, pipeline: Pipeline) -> list[Output]:
+    return pipeline.process_epoch(epoch)
+
+
+def _deliver_piece(piece: Piece, pipeline: Pipeline) -> list[Output]:
+    return pipeline.receive(piece.data, piece.t_ns)
+
+
+def _deliver_correction(feed: NavigationFeed, piece: Piece, pipeline: Pipeline) -> list[Output]:
+    feed.receive(piece.data, piece.t_ns)
+    return []
+
+
+def _deliver_samples(block: InertialBlock, pipeline: Pipeline) -> list[Output]:
+    return pipeline.receive_inertial(block)
 
 
 def _is_recording(path: Path) -> bool:
@@ -291,6 +310,7 @@ def settings_of(
     motion: AntennaMotion,
     ambiguity_resolution: str,
     rotation_deg: float = 0.0,
+    antex: Path | None = None,
 ) -> StationSettings:
     """Station settings from the command line's words."""
     return StationSettings.model_validate(
@@ -299,6 +319,7 @@ def settings_of(
             "mode": mode,
             "reference_position_ecef_m": reference,
             "antenna_height_m": antenna_height_m,
+            "antex": None if antex is None else str(antex),
             "positioning": {
                 "systems": systems,
                 "elevation_mask_deg": elevation_mask_deg,

@@ -18,9 +18,10 @@ from typing import Final
 import numpy as np
 
 from plumbline import fusion
-from plumbline.alerts import lifecycle, rules
+from plumbline.alerts import rules
 from plumbline.config import Mode, StationSettings
 from plumbline.epochs.assembler import EpochAssembler
+from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.gps_time import NS_PER_S
 from plumbline.positioning import ppp
@@ -28,11 +29,13 @@ from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.state import PppState
+from plumbline.positioning.station_facts import facts_of
 from plumbline.records import (
     UNKNOWN_CHANNEL,
     AntennaDescription,
     Epoch,
     InertialBlock,
+    Motion,
     Output,
     Solution,
     StationStatus,
@@ -58,7 +61,7 @@ class PipelineState:
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
     position: PppState = field(default_factory=PppState)
     motion: fusion.FusionState | None = None
-    alerts: lifecycle.AlertsState = field(default_factory=lifecycle.AlertsState)
+    alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
     held: list[tuple[Observations, int]] = field(default_factory=list)
     counters: Counter[str] = field(default_factory=Counter)
     last_solution: Solution | None = None
@@ -76,12 +79,11 @@ class Pipeline:
         thresholds: Sequence[Threshold],
         books: Books,
         source: SatelliteSource | None = None,
-        facts: StationFacts | None = None,
     ) -> None:
         self.settings = settings
         self.thresholds = tuple(thresholds)
         self._shared = books
-        self._facts = facts or _facts(settings)
+        self._facts: StationFacts | None = None
         self._deadline_ns = round(settings.epoch_deadline_s * NS_PER_S)
         self.state = PipelineState(StreamDecoder(settings.device.inertial_message))
         self._given_source = source
@@ -138,15 +140,23 @@ class Pipeline:
     # ---------------------------------------------------------------------------------------- the flow
 
     def _message(self, message: DecodedMessage, t_receive_ns: int) -> list[Output]:
+        if self._learn(message, t_receive_ns):
+            return self._release_held() if self.state.books.time_base.known else []
         if isinstance(message, Observations):
             return self._observations(message, t_receive_ns)
         if isinstance(message, InertialMessage):
             return self._inertial(message.block(self._near(t_receive_ns), t_receive_ns))
-        if self.state.books.learn(message, t_receive_ns):
-            return self._release_held() if self.state.books.time_base.known else []
         if isinstance(message, Message):
             self.state.description = describe(self.state.description, message)
         return []
+
+    def _learn(self, message: DecodedMessage, t_receive_ns: int) -> bool:
+        books = self.state.books
+        had_corrections = books.has_corrections
+        learned = books.learn(message, t_receive_ns)
+        if books.has_corrections != had_corrections and self._given_source is None:
+            self._source = self._books_source()
+        return learned
 
     def _near(self, t_receive_ns: int) -> int:
         """A time within half a week of what the stream means: by its own ephemerides, else by the shared ones."""
@@ -201,14 +211,15 @@ class Pipeline:
     def process_epoch(self, epoch: Epoch) -> list[Output]:
         """Position one epoch, whichever way it came, and pass the solution on."""
         self.state.t_last_data_ns = epoch.t_receive_ns
+        if self._facts is None:
+            self._facts = facts_of(self.settings, epoch.t_gps_ns, self.state.description.antenna_type or "")
         self.state.position, solution = ppp.step(
             self.state.position, epoch, self._source, self.settings.positioning, self._facts
         )
         self.state.last_solution = solution
-        outputs: list[Output] = [solution]
         result = fusion.receive_solution(self._motion_state(), solution, self.settings.fusion)
         self.state.motion = result.state
-        return self._with_alerts(outputs + list(result.motions))
+        return self._with_alerts([solution, *result.motions])
 
     def _inertial(self, block: InertialBlock) -> list[Output]:
         if self.settings.mode is not Mode.PPP_ACCEL:
@@ -216,7 +227,7 @@ class Pipeline:
             return []
         result = fusion.receive_inertial(self._motion_state(), block, self.settings.fusion)
         self.state.motion = result.state
-        return self._with_alerts(list(result.motions))
+        return self._with_alerts(result.motions)
 
     def receive_inertial(self, block: InertialBlock) -> list[Output]:
         """Take samples that are already a record (from a file)."""
@@ -228,12 +239,12 @@ class Pipeline:
             self.state.motion = fusion.initial_state(self.settings.station, reference)
         return self.state.motion
 
-    def _with_alerts(self, outputs: list[Output]) -> list[Output]:
+    def _with_alerts(self, outputs: Sequence[Solution | Motion | StationStatus]) -> list[Output]:
         events: list[Output] = []
         for output in outputs:
             self.state.alerts, raised = rules.evaluate(self.state.alerts, self.thresholds, output)
             events += raised
-        return outputs + events
+        return [*outputs, *events]
 
     # ---------------------------------------------------------------------------------------- status
 
@@ -289,17 +300,10 @@ class Pipeline:
         return dict(total)
 
     def _books_source(self) -> SatelliteSource:
-        """Orbits and clocks from the station's own stream first, then from the shared ones."""
+        """Ephemerides of the station's own stream first, then the shared ones; its own corrections if it has any."""
         own, shared = self.state.books, self._shared
         return BroadcastSource(
-            (own.ephemerides, shared.ephemerides), (own.corrections, shared.corrections), self.settings.positioning
+            EphemerisChain(own.ephemerides, shared.ephemerides),
+            own.corrections if own.has_corrections else shared.corrections,
+            self.settings.positioning,
         )
-
-
-def _facts(settings: StationSettings) -> StationFacts:
-    return StationFacts(
-        station=settings.station,
-        reference_position_ecef_m=settings.reference_position_ecef_m,
-        antenna_offset_enu_m=(0.0, 0.0, settings.antenna_height_m),
-        ocean_loading_blq=settings.ocean_loading_blq,
-    )

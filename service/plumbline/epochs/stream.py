@@ -2,15 +2,18 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
-
-from plumbline.epochs.correction_book import CorrectionBook
-from plumbline.epochs.ephemeris_book import EphemerisBook
+from typing import Final
 
 from plumbline.epochs import translate_ephemeris, translate_ssr
+from plumbline.epochs.correction_book import CorrectionBook
+from plumbline.epochs.ephemeris_book import EphemerisBook
 from plumbline.epochs.time_base import TimeBase
 from plumbline.epochs.translate_ssr import SsrTranslator
 from plumbline.records import Ephemeris, GlonassEphemeris
-from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Unknown, decode
+from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Observations, Unknown, decode
+from plumbline.signals import System
+
+_WEEKLESS_KEPT: Final = 500
 
 
 class StreamDecoder:
@@ -24,7 +27,7 @@ class StreamDecoder:
     def receive(self, data: bytes) -> list[DecodedMessage]:
         """The messages that these bytes complete."""
         self._reader.receive_data(data)
-        decoded = []
+        decoded: list[DecodedMessage] = []
         while (frame := self._reader.next_frame()) is not None:
             message = decode(frame.payload, inertial_number=self._inertial_message)
             if isinstance(message, Malformed):
@@ -49,6 +52,10 @@ class Books:
     corrections: CorrectionBook = field(default_factory=CorrectionBook)
     time_base: TimeBase = field(default_factory=TimeBase)
     translator: SsrTranslator = field(default_factory=SsrTranslator)
+    has_corrections: bool = False
+    _weekless: list[tuple[Message, int]] = field(
+        default_factory=list
+    )  # ephemerides that came before the week was known
     counters: Counter[str] = field(default_factory=Counter)
 
     def add_ephemeris(self, ephemeris: Ephemeris) -> None:
@@ -57,10 +64,12 @@ class Books:
         self.ephemerides.add(ephemeris)
 
     def learn(self, message: DecodedMessage, t_receive_ns: int) -> bool:
-        """Take a message if it is an ephemeris or an SSR correction; False if it is neither."""
+        """Take a message if it is an ephemeris or an SSR correction; False if it is neither (its time is noted)."""
+        near_ns = self.time_base.near(t_receive_ns)
+        if isinstance(message, Observations) and message.system is not System.GLONASS:
+            self.time_base.observe(message.t_gps_ns(near_ns))
         if not isinstance(message, Message):
             return False
-        near_ns = self.time_base.near(t_receive_ns)
         if message.number in translate_ephemeris.NUMBERS:
             self._learn_ephemeris(message, t_receive_ns, near_ns)
             return True
@@ -74,17 +83,27 @@ class Books:
         if isinstance(ephemeris, translate_ephemeris.Rejected):
             self.counters[f"ephemeris_{ephemeris.reason}"] += 1
             return
-        weekless = isinstance(ephemeris, GlonassEphemeris)  # it names no week, so it cannot set one
-        if not weekless and self.time_base.learn(ephemeris.toe_gps_ns, t_receive_ns):
+        names_a_week = not isinstance(ephemeris, GlonassEphemeris)
+        moved = names_a_week and self.time_base.learn(ephemeris.toe_gps_ns, t_receive_ns)
+        if self.time_base.known and not moved:
+            self.ephemerides.add(ephemeris)
+        else:
+            self._weekless = [*self._weekless[-_WEEKLESS_KEPT:], (message, t_receive_ns)]
+        if moved:
             self.counters["time_base_moved"] += 1
-        self.ephemerides.add(ephemeris)
+        if self.time_base.known and self._weekless:
+            waiting, self._weekless = self._weekless, []
+            for earlier, received_ns in waiting:
+                self._learn_ephemeris(earlier, received_ns, self.time_base.near(received_ns))
 
     def _learn_correction(self, message: Message, t_receive_ns: int, near_ns: int) -> None:
         corrections = self.translator.translate(message, t_receive_ns, near_ns)
         if isinstance(corrections, translate_ephemeris.Rejected):
             self.counters[f"correction_{corrections.reason}"] += 1
             return
+        self.has_corrections = self.has_corrections or bool(corrections)
         for correction in corrections:
+            self.time_base.observe(correction.header.t_gps_ns)
             self.corrections.add(correction)
 
 

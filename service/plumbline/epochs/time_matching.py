@@ -2,8 +2,8 @@
 
 The corrections of an epoch are matched by the correction book as the epoch is positioned; here its solution meets the
 inertial samples. The common time line is a grid of ``rate`` points in every GPS second, the first one on the second
-itself: point ``i`` counts from the GPS epoch and lies in second ``i // rate``. Samples whose stamps are on the grid (what a
-device does that starts with the GNSS second) pass untouched; others are interpolated by the cubic through four
+itself: point ``i`` counts from the GPS epoch and lies in second ``i // rate``. Samples whose stamps are on the grid
+(what a device does that starts with the GNSS second) pass untouched; others are interpolated by the cubic through four
 neighbours, so a stamp's offset, ``inertial_time_offset_s``, costs no time resolution.
 """
 
@@ -57,8 +57,8 @@ def nearest_grid_index(t_gps_ns: int, rate: int) -> int:
 def match_samples(block: InertialBlock, offset_s: float, tail: SampleTail) -> tuple[int, Floats, SampleTail]:
     """Samples of a block, stamps corrected by ``offset_s``, on the grid.
 
-    Returns the first grid index, the samples there (m, 3), m possibly 0, and the tail for the next block. ``tail`` joins in
-    when the block follows it without a hole, so that no grid point between two blocks is lost.
+    Returns the first grid index, the samples there (m, 3), m possibly 0, and the tail for the next block. ``tail``
+    joins in when the block follows it without a hole, so that no grid point between two blocks is lost.
     """
     rate = grid_rate(block.interval_ns)
     values = np.asarray(block.specific_force_m_s2, float)

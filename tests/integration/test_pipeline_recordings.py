@@ -1,0 +1,90 @@
+"""The pipeline on recordings. Oracles: the recordings' documented facts, and itself (the same bytes, the same rows)."""
+
+import random
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plumbline.bus import codec
+from plumbline.config import Mode, StationSettings
+from plumbline.epochs.recording import Piece, merge, read_recording
+from plumbline.gps_time import NS_PER_S, gps_ns_from_utc
+from plumbline.pipeline import Books, NavigationFeed, Pipeline
+from plumbline.records import Output, Solution, StationStatus, Status
+
+pytestmark = pytest.mark.realdata
+TODAY = gps_ns_from_utc(datetime(2026, 11, 22, tzinfo=UTC))
+
+
+def station(name: str = "rover") -> StationSettings:
+    return StationSettings(station=name, mode=Mode.PPP)
+
+
+def rows(outputs: list[Output]) -> list[bytes]:
+    """The stored rows, as the bytes that travel; statuses are of the moment and not part of the series."""
+    return [codec.encode(output) for output in outputs if not isinstance(output, StationStatus)]
+
+
+def replay(pieces: list[Piece], shift_ns: int = 0, cut: int = 0) -> list[Output]:
+    """Run pieces as if received at their own times plus a shift; ``cut``: restart from a checkpoint after so many."""
+    pipeline, outputs = Pipeline(station(), (), Books()), list[Output]()
+    for i, piece in enumerate(pieces):
+        if cut and i == cut:
+            pipeline = Pipeline.restore(station(), (), Books(), pipeline.snapshot())
+        outputs += pipeline.receive(piece.data, piece.t_ns + shift_ns)
+    return outputs + pipeline.finish(pieces[-1].t_ns + shift_ns)
+
+
+def solutions(outputs: list[Output]) -> list[Solution]:
+    return [output for output in outputs if isinstance(output, Solution)]
+
+
+@pytest.fixture(scope="module")
+def str17(data_dir: Path) -> list[Piece]:
+    near = gps_ns_from_utc(datetime(2018, 7, 15, tzinfo=UTC))
+    return read_recording(data_dir / "str-2018-195" / "week-rollover-STR17.rtcm3", "STR17", t_near_ns=near)
+
+
+def test_the_week_crossing_leaves_no_mark_even_years_later(str17: list[Piece]) -> None:
+    outputs = solutions(replay(str17, shift_ns=TODAY - str17[0].t_ns))
+    start = gps_ns_from_utc(datetime(2018, 7, 14, 23, 50, tzinfo=UTC))
+    assert [s.t_gps_ns for s in outputs] == [start + k * NS_PER_S for k in range(1126)]
+    positions = np.array([s.position_ecef_m for s in outputs if s.position_ecef_m is not None])
+    assert len(positions) > 1000
+    assert np.abs(positions - np.median(positions, axis=0)).max() < 30.0  # broadcast single points: metres, no outlier
+
+
+def test_the_same_bytes_give_the_same_rows_however_they_are_cut(str17: list[Piece]) -> None:
+    pieces = str17[:4000]
+    once = rows(replay(pieces))
+    assert once == rows(replay(pieces))
+    assert once == rows(replay(pieces, cut=1700))
+    generator = random.Random(1)
+    shredded = []
+    for piece in pieces:
+        at = generator.randrange(len(piece.data) + 1)
+        shredded += [Piece(piece.t_ns, piece.stream, part) for part in (piece.data[:at], piece.data[at:])]
+    assert once == rows(replay(shredded))
+
+
+def test_galileo_carries_on_and_gps_says_why_not(data_dir: Path) -> None:
+    """After 20:01:00 the GPS corrections refer to ephemerides that the stream does not carry."""
+    folder = data_dir / "sc134-2026-037"
+    near = gps_ns_from_utc(datetime(2026, 2, 6, 20, tzinfo=UTC))
+    streams = {"rover": "ROVRMSG.bin", "corrections": "SSRTEST_20260206_CORR.bin"}
+    pieces = merge([read_recording(folder / file, name, t_near_ns=near) for name, file in streams.items()])
+    books = Books()
+    feed, pipeline, outputs = NavigationFeed("corrections", books), Pipeline(station(), (), books), list[Output]()
+    for piece in pieces:
+        if piece.stream == "corrections":
+            feed.receive(piece.data, piece.t_ns)
+        else:
+            outputs += pipeline.receive(piece.data, piece.t_ns)
+    after = [s for s in solutions(outputs) if s.t_gps_ns > near + 240 * NS_PER_S]
+    precise = [s for s in after if s.status in (Status.CONVERGING, Status.PPP_FLOAT)]
+    assert len(precise) > 0.85 * len(after)
+    assert all("E" in s.systems for s in precise)
+    told = [s for s in after if "GPS refer to ephemerides" in s.reason]
+    assert len(told) > 0.95 * len(after)
