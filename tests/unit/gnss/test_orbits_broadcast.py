@@ -1,4 +1,4 @@
-"""Oracles: derivatives by differences, the formulas of IS-GPS-200 written plainly, a true geostationary orbit, identities."""
+"""Oracles: differences, the formulas of IS-GPS-200 written plainly, a truly geostationary orbit, identities."""
 
 import math
 
