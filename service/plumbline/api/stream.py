@@ -147,7 +147,7 @@ class _Session:
         if resume_from is not None and (
             wanted.feed not in (None, self._feed.feed_id) or resume_from > self._feed.next_sequence
         ):
-            resume_from = 0  # numbers of another feed: all that there is, and word of what may be missing
+            resume_from = self._feed.oldest_sequence - 1  # numbers of another feed: all there is, and word of a gap
         self._subscription = self._feed.subscribe(interest, resume_from)
         await self.send({"type": "subscribed", **answer})
         self._sender = asyncio.create_task(self._send_all(self._subscription, wanted.motion_rate_hz))

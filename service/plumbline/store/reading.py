@@ -219,7 +219,8 @@ def _bucket_series(
     expressions = ", ".join(summaries.aggregates())
     statement = text(
         f"SELECT t_gps_ns - (t_gps_ns - :origin) % :bucket AS t, {expressions} FROM motion_summaries "
-        "WHERE station = :station AND bucket_s = :level AND t_gps_ns >= :start AND t_gps_ns < :end GROUP BY 1 ORDER BY 1 LIMIT :limit"
+        "WHERE station = :station AND bucket_s = :level AND t_gps_ns >= :start AND t_gps_ns < :end "
+        "GROUP BY 1 ORDER BY 1 LIMIT :limit"
     )
     parameters = {
         "bucket": bucket_ns,
