@@ -1,7 +1,6 @@
 """The command line: serve, process, inspect."""
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -156,7 +155,7 @@ def _inspect(options: argparse.Namespace) -> int:
 
             data = gzip.decompress(data)
         inspection = inspect_bytes(data, str(path))
-        print(json.dumps(inspection.to_json()) if options.json else inspection.to_text())
+        print(inspection.to_json() if options.json else inspection.to_text())
     return 0
 
 

@@ -25,7 +25,7 @@ Booleans = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Bytes of one stream as ingest received and archived them: (archive, station, offset) names the first byte for ever."""
+    """Bytes of one stream as received and archived: (archive, station, offset) names the first byte for ever."""
 
     archive: str  # id of the archive that holds them: one an ingest
     station: str
