@@ -19,9 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.config import FusionSettings
-from plumbline.epochs.time_matching import grid_rate, grid_time_ns, match_samples, nearest_grid_index
+from plumbline.epochs.time_matching import grid_rate, grid_time_ns, match_samples
 from plumbline.fusion.blocks import motions_of
-from plumbline.fusion.second import Run, run_second
+from plumbline.fusion.second import Run, index_in_second, run_second
 from plumbline.fusion.state import FusionResult, FusionState, Innovation, Measurement, Second, unknown_node
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, InertialBlock, Motion, Solution, Status
@@ -41,8 +41,10 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
         return _unused(state, "inertial_interval_not_usable")
     if block.t_first_gps_ns > block.t_receive_ns + FUTURE_LIMIT_NS:
         return _unused(state, "inertial_from_the_future")
+    if state.sensor not in (None, block.sensor):
+        return _unused(state, "inertial_of_another_sensor")
     first, values, tail = match_samples(block, settings.inertial_time_offset_s, state.tail)
-    state = replace(state, tail=tail)
+    state = replace(state, tail=tail, sensor=block.sensor)
     if len(values) == 0:
         return FusionResult(state, [], [])
     state, values = _acceleration_enu(state, values, settings)
@@ -53,6 +55,9 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
     state = replace(state, t_samples_end_gps_ns=max(end_ns, state.t_samples_end_gps_ns or end_ns))
     state, closed = _close(state, state.seconds[-1].second * NS_PER_S)
     start = min(touched | closed)
+    if state.stale_from is not None and any(m.second in touched for m in state.measurements):
+        start = min(start, state.stale_from)
+        state = replace(state, stale_from=None)
     state, runs, innovations = _run_from(state, start, settings)
     state, motions = _publish(state, runs, start, state.seconds[-1].second, block.t_receive_ns, settings)
     return FusionResult(_trimmed(state, settings), motions, innovations)
@@ -71,14 +76,14 @@ def receive_solution(state: FusionState, solution: Solution, settings: FusionSet
     earlier = state.measurements[index - 1].t_gps_ns if index else None
     measurements = (*state.measurements[:index], measurement, *state.measurements[index:])
     state = replace(state, measurements=measurements, no_solution="", late_in_a_row=0)
-    second = _second_of(state, measurement)
+    second = measurement.second
     if _waits(state, measurement, second, settings):
         return FusionResult(state, [], [])
     state, closed = _close(state, measurement.t_gps_ns)
     start = min({second, *closed} | ({state.stale_from} if state.stale_from is not None else set()))
     state, runs, innovations = _run_from(state, start, settings)
     interval_ns = measurement.t_gps_ns - earlier if earlier is not None else DEFAULT_SOLUTION_INTERVAL_NS
-    last = (measurement.t_gps_ns + interval_ns) // NS_PER_S - 1
+    last = (state.measurements[-1].t_gps_ns + interval_ns) // NS_PER_S - 1
     rows_from_ns = min([measurement.t_gps_ns, *(number * NS_PER_S for number in closed)])
     state, motions = _publish(state, runs, start, last, solution.t_receive_ns, settings, rows_from_ns)
     stale = next((s.second for s in state.seconds if s.second > max(last, start - 1) and s.revision), None)
@@ -171,13 +176,6 @@ def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
     )
 
 
-def _second_of(state: FusionState, measurement: Measurement) -> int:
-    """The second whose run a solution is part of: on a grid, the one of its nearest sample."""
-    if state.rate == 0:
-        return measurement.t_gps_ns // NS_PER_S
-    return nearest_grid_index(measurement.t_gps_ns, state.rate) // state.rate
-
-
 def _waits(state: FusionState, measurement: Measurement, second: int, settings: FusionSettings) -> bool:
     """Whether the samples at a solution's instant are still to come."""
     end_ns = state.t_samples_end_gps_ns
@@ -186,7 +184,7 @@ def _waits(state: FusionState, measurement: Measurement, second: int, settings: 
     held = next((s for s in state.seconds if s.second == second), None)
     if held is None:
         return not state.seconds or second > state.seconds[-1].second
-    return held.rate > 0 and nearest_grid_index(measurement.t_gps_ns, held.rate) - second * held.rate >= held.filled
+    return held.rate > 0 and index_in_second(held, measurement.t_gps_ns) >= held.filled
 
 
 def _close(state: FusionState, until_ns: int) -> tuple[FusionState, set[int]]:
@@ -197,12 +195,12 @@ def _close(state: FusionState, until_ns: int) -> tuple[FusionState, set[int]]:
     seconds = {s.second: s for s in state.seconds}
     closed: set[int] = set()
     for m in state.measurements:
-        number = _second_of(state, m)
+        number = m.second
         if m.t_gps_ns <= until_ns and number not in seconds:
             seconds[number] = Second(number, 0, state.head, np.zeros((0, 3)), 0, m.t_receive_ns)
             closed.add(number)
     for number, s in seconds.items():
-        if s.filled < s.rate and nearest_grid_index(until_ns, s.rate) - number * s.rate >= s.filled:
+        if s.filled < s.rate and index_in_second(s, until_ns) >= s.filled:
             seconds[number] = replace(s, filled=s.rate)
             closed.add(number)
     return replace(state, seconds=tuple(s for _, s in sorted(seconds.items()))), closed
@@ -222,7 +220,7 @@ def _run_from(
     by_second: dict[int, list[Measurement]] = {}
     for m in state.measurements:
         if m.t_gps_ns >= (seconds[start].second - 1) * NS_PER_S:
-            by_second.setdefault(_second_of(state, m), []).append(m)
+            by_second.setdefault(m.second, []).append(m)
     node = seconds[start].entry
     for i in range(start, len(seconds)):
         seconds[i] = replace(seconds[i], entry=node)
@@ -266,7 +264,7 @@ def _trimmed(state: FusionState, settings: FusionSettings) -> FusionState:
         return state
     oldest = state.seconds[-1].second - math.ceil(settings.late_limit_s)
     seconds = tuple(s for s in state.seconds if s.second >= oldest)
-    kept = tuple(m for m in state.measurements if _second_of(state, m) >= oldest)
+    kept = tuple(m for m in state.measurements if m.second >= oldest)
     return replace(state, seconds=seconds, measurements=kept)
 
 

@@ -70,19 +70,23 @@ def run_second(second: Second, measurements: list[Measurement], settings: Fusion
     return _run_grid(second, measurements, settings)
 
 
+def index_in_second(second: Second, t_gps_ns: int) -> int:
+    """The sample of a grid second that is nearest to a time; the last one for all times after."""
+    return min(nearest_grid_index(t_gps_ns, second.rate) - second.second * second.rate, second.rate - 1)
+
+
 def _run_grid(second: Second, measurements: list[Measurement], settings: FusionSettings) -> Run:
     samples = second.acceleration_m_s2[: second.filled]
     f = _opened(_with_baseline(second.entry, samples, second.rate))
     rows, innovations, noise = np.empty((len(samples), OUTPUTS)), [], noise_of(settings)
     at = 0
     for m in measurements:
-        index = nearest_grid_index(m.t_gps_ns, second.rate)
-        k = index - second.second * second.rate
+        k = index_in_second(second, m.t_gps_ns)
         if k >= second.filled:
             break
         _propagate(f, second, at, k + 1, noise, rows)
         at = k + 1
-        delta_s = (m.t_gps_ns - grid_time_ns(index, second.rate)) * 1e-9
+        delta_s = (m.t_gps_ns - grid_time_ns(second.second * second.rate + k, second.rate)) * 1e-9
         innovation = _meet(f, m, delta_s, samples, second.rate, settings)
         innovations += [innovation] if innovation else []
         rows[k, DISPLACEMENT], rows[k, VELOCITY] = f.x[DISPLACEMENT], f.x[VELOCITY]

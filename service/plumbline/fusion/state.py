@@ -11,6 +11,7 @@ import numpy as np
 
 from plumbline.epochs.time_matching import NO_TAIL, SampleTail
 from plumbline.fusion.gravity import gravity_at_m_s2
+from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Motion, Status
 
 N_STATES: Final = 9
@@ -51,6 +52,11 @@ class Measurement:
     covariance_enu_m2: Floats  # (3, 3)
     status: Status
     processed: bool = False  # its innovation has been reported
+
+    @property
+    def second(self) -> int:
+        """The GPS second whose run it is part of."""
+        return self.t_gps_ns // NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +99,7 @@ class FusionState:
     seconds: tuple[Second, ...] = ()  # in time order, the last late_limit_s of them
     measurements: tuple[Measurement, ...] = ()  # in time order, from the first of `seconds` on
     rate: int = 0  # of the sensor's grid, samples a second; 0 before the first sample
+    sensor: int | None = None  # whose samples drive the filter: the first that was heard
     tail: SampleTail = NO_TAIL
     t_samples_end_gps_ns: int | None = None  # of the last inertial sample
     stale_from: int | None = None  # first second whose emitted block is older than the filter's knowledge of it
