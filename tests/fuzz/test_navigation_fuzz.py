@@ -6,6 +6,7 @@ import random
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from plumbline.epochs.correction_book import AgeLimits, CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
 from plumbline.epochs.matched_corrections import matched

@@ -1,4 +1,4 @@
-"""The correction book and its matching. Oracles: pairs worked out by hand, a book that is never asked twice, and words."""
+"""The correction book and its matching. Oracles: pairs worked out by hand, and a book that is never asked twice."""
 
 import pickle
 from dataclasses import replace
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from plumbline.config import PositioningSettings
 from plumbline.epochs.correction_book import AgeLimits, CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook, Match

@@ -6,6 +6,7 @@ import pickle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from plumbline.epochs.ephemeris_book import MAX_AGE_S, EphemerisBook, Match, issue_by_rule, issue_matches
 from plumbline.gps_time import NS_PER_S, gps_ns
 from plumbline.records import UNKNOWN_CHANNEL, GlonassEphemeris, KeplerEphemeris
@@ -102,7 +103,7 @@ def test_glonass_channels_come_from_their_ephemerides():
 
 @pytest.mark.parametrize(("toe_bdt_s", "modulo", "iod"), [(172_800, 96, 0), (169_200, 670, 235), (604_792, 847, 119)])
 def test_beidous_issues(toe_bdt_s, modulo, iod):
-    """DF470: toe in 8 s modulo 1024; IDF012: toe in 720 s modulo 240. madoca-2025-091 sends 96 and 158 = 670 mod 256."""
+    """DF470: toe in 8 s modulo 1024; IDF012: in 720 s modulo 240. madoca-2025-091 sends 96 and 158 = 670 mod 256."""
     ephemeris = kepler(C20, toe=gps_ns(2360, toe_bdt_s + 14.0), message="D1")
     assert issue_by_rule(ephemeris, "toe_8s") == modulo
     assert issue_by_rule(ephemeris, "toe_720s") == iod

@@ -1,4 +1,4 @@
-"""Ephemeris messages ↔ records. Oracles: dates worked out by hand from the systems' week definitions, and round trips."""
+"""Ephemeris messages ↔ records. Oracles: dates by hand from the systems' week definitions, and round trips."""
 
 import dataclasses
 import math
@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from plumbline.epochs.translate_ephemeris import Rejected, ephemeris_from_message, message_from_ephemeris
 from plumbline.errors import ContractError
 from plumbline.gps_time import DAY_NS, NS_PER_S, WEEK_NS, gps_ns, gps_ns_from_utc
@@ -65,7 +66,8 @@ def glonass(**changes):
     toe = gps_ns_from_utc(datetime(2018, 7, 14, 23, 45, tzinfo=UTC))
     values = {
         "satellite": satellite_id(System.GLONASS, 7), "t_receive_ns": toe, "toe_gps_ns": toe, "issue": 11,
-        "frequency_channel": -4, "position_pz90_m": (1.5e7, -1.5e7, 1.4e7), "velocity_pz90_m_s": (500.0, -1500.0, 2500.0),
+        "frequency_channel": -4, "position_pz90_m": (1.5e7, -1.5e7, 1.4e7),
+        "velocity_pz90_m_s": (500.0, -1500.0, 2500.0),
         "acceleration_pz90_m_s2": (0.0, 1000 * 2.0**-30, -3000 * 2.0**-30), "clock_bias_s": -3 * 2.0**-30,
         "frequency_bias": 2.0**-40, "group_delay_s": 2.0**-30, "health": 0,
     }  # fmt: skip

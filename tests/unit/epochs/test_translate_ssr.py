@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from plumbline.epochs.encode_ssr import combined_messages, messages_from_correction
 from plumbline.epochs.translate_ephemeris import Rejected
 from plumbline.epochs.translate_ssr import SsrTranslator, ura_m

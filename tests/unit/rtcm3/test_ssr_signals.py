@@ -1,4 +1,4 @@
-"""SSR signal identifiers. Oracle: identifiers told apart by hand from RTCM 10403.4 and IGS SSR 1.00, and by recordings."""
+"""SSR signal identifiers. Oracle: single identifiers taken from RTCM 10403.4 and IGS SSR 1.00 by hand."""
 
 import pytest
 
