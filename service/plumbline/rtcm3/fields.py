@@ -172,6 +172,14 @@ class _Block:
 
 
 @dataclass(frozen=True, slots=True)
+class _Series:
+    name: str
+    count: Count
+    row: Row
+    convert: Callable[[int], Any]
+
+
+@dataclass(frozen=True, slots=True)
 class _Repeat:
     name: str
     count: Count
@@ -179,7 +187,7 @@ class _Repeat:
     least_bits: int
 
 
-_Step = _Block | _Repeat | Values | Text
+_Step = _Block | _Repeat | _Series | Text
 _Plan = tuple[_Step, ...]
 
 
@@ -230,6 +238,8 @@ def _compile(rows: tuple[Item, ...]) -> _Plan:
         close_block()
         if isinstance(row, Group):
             steps.append(_Repeat(row.name, row.count, _compile(row.rows), _least_bits(row.rows)))
+        elif isinstance(row, Values):
+            steps.append(_Series(row.name, row.count, row.row, _converter(row.row) or int))
         else:
             steps.append(row)
     close_block()
@@ -291,20 +301,20 @@ def _decode_layout(table: Table, payload: bytes) -> tuple[dict[str, Any] | None,
 def _decode_plan(plan: _Plan, reader: BitReader, out: dict[str, Any], outer: Fields) -> None:
     for step in plan:
         if isinstance(step, _Block):
-            _decode_block(step, reader, out)
+            _decode_block(step, reader.unsigned(step.bits), out)
         elif isinstance(step, Text):
             octets = reader.octets(_bounded(reader, reader.unsigned(step.length_bits), 8))
             out[step.name] = octets.decode(step.encoding, "surrogateescape")
-        elif isinstance(step, Values):
+        elif isinstance(step, _Series):
             n = _bounded(reader, _count(step.count, out, outer), step.row.bits)
-            convert = _converter(step.row) or int
-            out[step.name] = tuple([convert(reader.unsigned(step.row.bits)) for _ in range(n)])
+            out[step.name] = tuple([step.convert(reader.unsigned(step.row.bits)) for _ in range(n)])
         else:
             n = _bounded(reader, _count(step.count, out, outer), step.least_bits)
             repeats: tuple[dict[str, Any], ...] = tuple([{} for _ in range(n)])
-            if len(step.plan) == 1 and isinstance(step.plan[0], _Block):
-                for repeat in repeats:
-                    _decode_block(step.plan[0], reader, repeat)
+            if len(step.plan) == 1 and isinstance(block := step.plan[0], _Block):
+                bits = reader.unsigned(n * block.bits)
+                for i, repeat in enumerate(repeats, 1):
+                    _decode_block(block, bits >> (n - i) * block.bits, repeat)
             else:
                 scope = {**outer, **out}
                 for repeat in repeats:
@@ -312,8 +322,8 @@ def _decode_plan(plan: _Plan, reader: BitReader, out: dict[str, Any], outer: Fie
             out[step.name] = repeats
 
 
-def _decode_block(block: _Block, reader: BitReader, out: dict[str, Any]) -> None:
-    bits = reader.unsigned(block.bits)
+def _decode_block(block: _Block, bits: int, out: dict[str, Any]) -> None:
+    """Fields of a block that stands in the lowest bits of an integer."""
     for name, shift, mask, convert in block.decoders:
         raw = bits >> shift & mask
         out[name] = raw if convert is None else convert(raw)
@@ -394,7 +404,7 @@ def _encode_plan(compiled: _Compiled, plan: _Plan, writer: BitWriter, fields: Fi
             repeats = _field(step, fields)
             if callable(step.count) and len(repeats) != step.count({**outer, **fields}):
                 raise ContractError(f"{step.name!r} has {len(repeats)} repetitions, its count says otherwise")
-            if isinstance(step, Values):
+            if isinstance(step, _Series):
                 for value in repeats:
                     writer.unsigned(_raw_of_value(step.row, value), step.row.bits)
             else:
@@ -402,7 +412,7 @@ def _encode_plan(compiled: _Compiled, plan: _Plan, writer: BitWriter, fields: Fi
                     _encode_plan(compiled, step.plan, writer, repeat, {**outer, **fields})
 
 
-def _field(item: Row | Text | Values | _Repeat, fields: Fields) -> Any:
+def _field(item: Row | Text | _Series | _Repeat, fields: Fields) -> Any:
     try:
         return fields[item.name]
     except KeyError:

@@ -47,14 +47,14 @@ class Frame(NamedTuple):
 
 @njit(cache=True)
 def _scan(
-    data: NDArray[np.uint8], final: bool, starts: NDArray[np.int64], rejected: NDArray[np.int64]
+    data: NDArray[np.uint8], final: bool, found: NDArray[np.int64], rejected: NDArray[np.int64]
 ) -> tuple[int, int]:
-    """Find all frames of ``data``: their starts, how many, and the position where more bytes are needed.
+    """Find all frames of ``data``: their (start, end, number), how many, and the position where more bytes are needed.
 
     With ``final`` no more bytes come: an incomplete frame is given up and the search goes on behind its preamble.
     """
     size = data.size
-    found = 0
+    n = 0
     at = 0
     while at < size:
         if data[at] != PREAMBLE:
@@ -74,13 +74,14 @@ def _scan(
             rejected[_TRUNCATED] += 1
             at += 1
         elif _crc_is_right(data, at, end):
-            starts[found] = at
-            found += 1
+            found[n, 0], found[n, 1] = at, end
+            found[n, 2] = (int(data[at + 3]) << 4) | (int(data[at + 4]) >> 4) if end >= at + OVERHEAD_BYTES + 2 else 0
+            n += 1
             at = end
         else:
             rejected[_BAD_CRC] += 1
             at += 1
-    return found, at
+    return n, at
 
 
 @njit(cache=True)
@@ -89,17 +90,12 @@ def _crc_is_right(data: NDArray[np.uint8], start: int, end: int) -> bool:
     return crc24q_of(data, start, end - 3) == sent
 
 
-def _frames_in(data: bytes, final: bool, rejected: NDArray[np.int64]) -> tuple[list[int], int]:
-    """Starts of the frames in ``data`` and the position where more bytes are needed."""
-    starts = np.empty(len(data) // OVERHEAD_BYTES + 1, dtype=np.int64)
-    found, position = _scan(np.frombuffer(data, dtype=np.uint8), final, starts, rejected)
-    return starts[:found].tolist(), position
-
-
-def _frame_at(data: bytes, start: int, base: int) -> Frame:
-    length = (data[start + 1] << 8) | data[start + 2]
-    payload = data[start + HEADER_BYTES : start + HEADER_BYTES + length]
-    return Frame(message_number(payload), payload, base + start)
+def _frames_in(data: bytes, base: int, final: bool, rejected: NDArray[np.int64]) -> tuple[list[Frame], int]:
+    """Frames in ``data``, whose stream offset is ``base``, and the position where more bytes are needed."""
+    found = np.empty((len(data) // OVERHEAD_BYTES + 1, 3), dtype=np.int64)
+    n, position = _scan(np.frombuffer(data, dtype=np.uint8), final, found, rejected)
+    frames = [Frame(number, data[start + 3 : end - 3], base + start) for start, end, number in found[:n].tolist()]
+    return frames, position
 
 
 def message_number(payload: bytes) -> int:
@@ -126,8 +122,8 @@ class FrameScan:
 def scan_frames(data: bytes) -> FrameScan:
     """Find all frames of a whole recording at once."""
     rejected = np.zeros(len(REJECTION_REASONS), dtype=np.int64)
-    starts, _ = _frames_in(data, True, rejected)
-    return FrameScan(tuple([_frame_at(data, start, 0) for start in starts]), _counters(rejected.tolist()))
+    frames, _ = _frames_in(data, 0, True, rejected)
+    return FrameScan(tuple(frames), _counters(rejected.tolist()))
 
 
 def _counters(rejected: list[int]) -> dict[str, int]:
@@ -138,7 +134,7 @@ class FrameReader:
     """Cuts a stream into frames: ``receive_data`` stores, ``next_frame`` returns a frame or None. It can be pickled.
 
     Between calls it holds one incomplete frame at most, and the frames not taken yet: the caller takes them all before
-    it brings more, or :class:`ContractError` is raised once they exceed ``max_buffer`` bytes.
+    it brings more, or :class:`ContractError` is raised once more than ``max_buffer`` bytes have come meanwhile.
     """
 
     __slots__ = ("_base", "_max_buffer", "_pending", "_ready", "_ready_bytes", "_rejected")
@@ -183,7 +179,8 @@ class FrameReader:
         if not self._ready:
             return None
         found = self._ready.popleft()
-        self._ready_bytes -= len(found.payload)
+        if not self._ready:
+            self._ready_bytes = 0
         return found
 
     def flush(self) -> None:
@@ -197,9 +194,9 @@ class FrameReader:
         """
         if len(self._pending) <= OVERHEAD_BYTES:
             return
-        starts, _ = _frames_in(self._pending[1:], True, np.zeros(len(REJECTION_REASONS), dtype=np.int64))
-        if starts:
-            self._cut_from(1 + starts[0])
+        ahead, _ = _frames_in(self._pending[1:], 1, True, np.zeros(len(REJECTION_REASONS), dtype=np.int64))
+        if ahead:
+            self._cut_from(ahead[0].offset)
 
     def _cut_from(self, first: int) -> None:
         """Reject the pending bytes before ``first``, then go on as usual."""
@@ -211,11 +208,11 @@ class FrameReader:
 
     def _cut(self, final: bool) -> None:
         rejected = np.zeros(len(REJECTION_REASONS), dtype=np.int64)
-        starts, position = _frames_in(self._pending, final, rejected)
-        for start in starts:
-            found = _frame_at(self._pending, start, self._base)
-            self._ready.append(found)
-            self._ready_bytes += len(found.payload)
-        self._rejected = [a + b for a, b in zip(self._rejected, rejected.tolist(), strict=True)]
+        frames, position = _frames_in(self._pending, self._base, final, rejected)
+        if frames:
+            self._ready.extend(frames)
+            self._ready_bytes += position
+        if rejected.any():
+            self._rejected = [a + b for a, b in zip(self._rejected, rejected.tolist(), strict=True)]
         self._pending = self._pending[position:]
         self._base += position

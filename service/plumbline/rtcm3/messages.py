@@ -25,9 +25,13 @@ def decode(payload: bytes, inertial_number: int = DEFAULT_INERTIAL_NUMBER) -> De
         return decode_msm(number, payload)
     if number in LEGACY_TABLES:
         return decode_legacy(number, payload)
-    subtype = subtype_of(number, payload)
-    table = table_of(number, subtype)
-    return Unknown(number, subtype) if table is None else decode_table(table, payload)
+    table = table_of(number)
+    if table is None:
+        subtype = subtype_of(number, payload)
+        table = table_of(number, subtype)
+        if table is None:
+            return Unknown(number, subtype)
+    return decode_table(table, payload)
 
 
 def encode(message: Encodable) -> bytes:

@@ -18,9 +18,7 @@ from plumbline.rtcm3.msm_layout import (
     CODE_BITS_BELOW_ROUGH,
     COLUMN_BITS,
     DAY_MS,
-    EPOCH,
     EXTENDED,
-    EXTERNAL,
     FINE_CODE,
     FINE_PHASE,
     FINE_RATE,
@@ -29,7 +27,6 @@ from plumbline.rtcm3.msm_layout import (
     HALF_CYCLE,
     HEADER_BITS,
     HEADER_FIELD_BITS,
-    INTERVAL,
     INVALID_WHOLE_MS,
     IODS,
     LEAP_SECOND_MS,
@@ -38,15 +35,11 @@ from plumbline.rtcm3.msm_layout import (
     MAX_CHANNEL_CODE,
     MODULO_MS,
     MSM_NUMBERS,
-    MULTIPLE,
     N_SATELLITE_COLUMNS,
     PHASE_BITS_BELOW_ROUGH,
     RATE_M_S,
     RESERVED_BITS_AFTER_IODS,
     ROUGH_RATE,
-    SMOOTHING,
-    STATION,
-    STEERING,
     WEEK_MS,
     WHOLE_MS,
     glonass_epoch,
@@ -61,7 +54,8 @@ _OK, _TOO_SHORT, _TOO_MANY_CELLS = range(3)
 _REASONS: Final = ("", "too_short", "too_many_cells")
 _GLONASS: Final = int(System.GLONASS)
 
-Cells = tuple[int, NDArray[np.int64], NDArray[np.int16], NDArray[np.int8], Booleans, Floats]
+Header = tuple[int, int, int, int, int, int, int, int]
+Cells = tuple[int, Header, NDArray[np.int16], NDArray[np.int8], Booleans, Floats]
 
 
 def decode_msm(number: int, payload: bytes) -> Observations | Malformed:
@@ -70,12 +64,13 @@ def decode_msm(number: int, payload: bytes) -> Observations | Malformed:
     if kind_system is None:
         return Malformed(number, "not_an_msm")
     kind, system_id, system = kind_system
-    status, header, ids, channel, half_cycle, values = _decode(np.frombuffer(payload, dtype=np.uint8), kind, system_id)
+    data = np.frombuffer(payload, dtype=np.uint8)
+    status, header, ids, channel, half_cycle, values = _decode(data, kind, system_id)
     if status != _OK:
         return Malformed(number, _REASONS[status])
-    fields = header.tolist()
+    station, epoch, multiple, iods, steering, external, smoothing, interval = header
     glonass = system is System.GLONASS
-    day_of_week, epoch_ms = glonass_epoch(fields[EPOCH]) if glonass else (None, fields[EPOCH])
+    day_of_week, epoch_ms = glonass_epoch(epoch) if glonass else (None, epoch)
     if epoch_ms > (DAY_MS if glonass else WEEK_MS) + LEAP_SECOND_MS:
         return Malformed(number, "epoch_out_of_range")
     satellite, signal = ids
@@ -87,15 +82,15 @@ def decode_msm(number: int, payload: bytes) -> Observations | Malformed:
     return Observations(
         number,
         system,
-        fields[STATION],
+        station,
         epoch_ms,
         day_of_week,
-        fields[MULTIPLE] == 1,
-        fields[IODS],
-        fields[STEERING],
-        fields[EXTERNAL],
-        fields[SMOOTHING] == 1,
-        fields[INTERVAL],
+        multiple == 1,
+        iods,
+        steering,
+        external,
+        smoothing == 1,
+        interval,
         satellite,
         signal,
         code,
@@ -133,7 +128,7 @@ def _decode(data: NDArray[np.uint8], kind: int, system: int) -> Cells:
     half_cycle = np.zeros(n, dtype=np.bool_)
     values = np.full((7, n), np.nan)
     if n == 0:
-        return status, header, ids, channel, half_cycle, values
+        return status, _as_tuple(header), ids, channel, half_cycle, values
     for i in range(n):
         ids[0, i] = system * SATELLITES_PER_SYSTEM + satellites[cell_satellite[i]]
         ids[1, i] = system * SIGNALS_PER_SYSTEM + cell_signal[i]
@@ -147,7 +142,13 @@ def _decode(data: NDArray[np.uint8], kind: int, system: int) -> Cells:
             frequency += channel[i] * CHANNEL_STEP_HZ[ids[1, i]] if channel[i] != UNKNOWN_CHANNEL else np.nan
         values[_CYCLES, i] = values[_PHASE, i] * (frequency / SPEED_OF_LIGHT_M_S)
         values[_DOPPLER, i] = -values[_RATE, i] * (frequency / SPEED_OF_LIGHT_M_S)
-    return status, header, ids, channel, half_cycle, values
+    return status, _as_tuple(header), ids, channel, half_cycle, values
+
+
+@njit(cache=True)
+def _as_tuple(header: NDArray[np.int64]) -> Header:
+    """Header fields in the order of HEADER_FIELD_BITS, as plain integers."""
+    return header[0], header[1], header[2], header[3], header[4], header[5], header[6], header[7]
 
 
 @njit(cache=True)

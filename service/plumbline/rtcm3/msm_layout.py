@@ -34,8 +34,9 @@ COLUMN_BITS: Final = np.array(
     dtype=np.int64,
 )
 
-# Header fields, in the order of the array that the kernels exchange with Python: after DF002 and up to the masks.
-STATION, EPOCH, MULTIPLE, IODS, STEERING, EXTERNAL, SMOOTHING, INTERVAL = range(8)
+# Header fields after DF002 and up to the masks: station, epoch, multiple message, IODS (seven reserved bits follow),
+# clock steering, external clock, smoothing, smoothing interval.
+IODS: Final = 3
 HEADER_FIELD_BITS: Final = np.array([12, 30, 1, 3, 2, 2, 1, 3], dtype=np.int64)
 RESERVED_BITS_AFTER_IODS: Final = 7
 
