@@ -133,7 +133,7 @@ def test_glonass_keeps_jacobis_integral_and_needs_no_smaller_steps() -> None:
         r, omega = float(np.linalg.norm(s[:3])), EARTH_ROTATION_RATE_GLONASS_RAD_S
         oblate = 1.0826257e-3 * (6_378_136.0 / r) ** 2 * (1.5 * (s[2] / r) ** 2 - 0.5)
         turning = 0.5 * omega**2 * float(s[0] ** 2 + s[1] ** 2)
-        return 0.5 * float(s[3:] @ s[3:]) - EARTH_GM_GLONASS_M3_S2 / r * (1.0 - oblate) - turning
+        return float(0.5 * s[3:] @ s[3:] - EARTH_GM_GLONASS_M3_S2 / r * (1.0 - oblate) - turning)
 
     assert jacobi(whole) == pytest.approx(jacobi(state), rel=1e-11)
 
