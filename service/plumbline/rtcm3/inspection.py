@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from plumbline.rtcm3.fields import Malformed, Message, table_of
+from plumbline.rtcm3.fields import Malformed, Message, subtype_of, table_of
 from plumbline.rtcm3.framing import scan_frames
 from plumbline.rtcm3.igs_ssr import SUBTYPES
 from plumbline.rtcm3.inertial import DEFAULT_INERTIAL_NUMBER, InertialMessage
+from plumbline.rtcm3.legacy import LEGACY_TABLES
 from plumbline.rtcm3.messages import DecodedMessage, decode
+from plumbline.rtcm3.msm_layout import MSM_NUMBERS
 from plumbline.rtcm3.observations import Observations
 from plumbline.rtcm3.ssr import DIALECTS, SsrKind, beidou_orbit_is_draft
 from plumbline.rtcm3.ssr_signals import IGS_CODES, RTCM_CODES
@@ -83,22 +85,24 @@ def inspect_bytes(data: bytes, file: str, inertial_number: int = DEFAULT_INERTIA
     return Inspection(
         file,
         len(data),
-        summarise((decode(frame.payload, inertial_number), frame.number) for frame in scan.frames),
+        summarise(
+            (decode(own.payload, inertial_number), own.number, subtype_of(own.number, own.payload))
+            for own in scan.frames
+        ),
         scan.rejected_bytes,
     )
 
 
-def summarise(messages: Iterable[tuple[DecodedMessage, int]]) -> dict[str, TypeSummary]:
-    """Summaries by message type of decoded messages and their numbers, sorted by number."""
+def summarise(messages: Iterable[tuple[DecodedMessage, int, int | None]]) -> dict[str, TypeSummary]:
+    """Summaries by message type of decoded messages, each with its number and subtype; sorted by number."""
     found: dict[tuple[int, int], TypeSummary] = {}
     decoded = list(messages)
-    orbits = (m for m, _ in decoded if isinstance(m, Message) and m.number in _BEIDOU_ORBITS)
+    orbits = (m for m, _, _ in decoded if isinstance(m, Message) and m.number in _BEIDOU_ORBITS)
     counts_from_zero = _BEIDOU_SSR if any(beidou_orbit_is_draft(orbit) for orbit in orbits) else frozenset()
-    for message, number in decoded:
-        subtype = getattr(message, "subtype", None)
+    for message, number, subtype in decoded:
         key = (number, -1 if subtype is None else subtype)
         if key not in found:
-            found[key] = TypeSummary(_title(message, number))
+            found[key] = TypeSummary(_title(message, number, subtype))
         _add(found[key], message, 1 if number in counts_from_zero else 0)
     return {
         f"{number}" if subtype < 0 else f"{number}_{subtype:03d}": found[number, subtype]
@@ -147,13 +151,15 @@ def _system(message: Message) -> System | None:
     return _SYSTEMS.get(message.number)
 
 
-def _title(message: DecodedMessage, number: int) -> str:
-    if isinstance(message, Observations):
-        kind = f"MSM{number % 10}" if number > 1070 else "legacy"
-        return f"{message.system.name} {kind} observations"
+def _title(message: DecodedMessage, number: int, subtype: int | None) -> str:
     if isinstance(message, InertialMessage):
         return "inertial samples"
-    table = table_of(number, getattr(message, "subtype", None))
+    if number in MSM_NUMBERS:
+        kind, _, system = MSM_NUMBERS[number]
+        return f"{system.name} MSM{kind} observations"
+    if number in LEGACY_TABLES:
+        return f"{'GPS' if number < 1009 else 'GLONASS'} legacy observations"
+    table = table_of(number, subtype)
     return "not decoded here" if table is None else table.title
 
 
