@@ -30,6 +30,7 @@ IMPOSSIBLE_ACCELERATION_M_S2 = 200.0  # beyond the range of any sensor for struc
 FUTURE_LIMIT_NS = 600 * NS_PER_S  # a sample stamped so long after its receipt has a wrong stamp
 DEFAULT_SOLUTION_INTERVAL_NS = NS_PER_S
 TOO_LATE = "solution_too_late"
+REVISIONS_OF_A_START = 10_000  # a filter that starts anew revises above all that it has published before
 LATE_IN_A_ROW = 10  # so many inputs too late, and none in time: it is the filter that is ahead, by a wrong stamp
 _UP = 2
 
@@ -50,7 +51,8 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
     state, values = _acceleration_enu(state, values, settings)
     state, touched = _place(state, first, values, rate, block.t_receive_ns)
     if not touched:
-        return FusionResult(_one_more_late(state), [], [])
+        too_late = bool(state.seconds) and (first + len(values) - 1) // rate < state.seconds[0].second
+        return FusionResult(_one_more_late(state) if too_late else state, [], [])
     end_ns = grid_time_ns(first + len(values) - 1, rate)
     state = replace(state, t_samples_end_gps_ns=max(end_ns, state.t_samples_end_gps_ns or end_ns))
     state, closed = _close(state, state.seconds[-1].second * NS_PER_S)
@@ -134,7 +136,7 @@ def _filled(
 ) -> tuple[Second, int]:
     """A second with samples put in from ``at`` on where it has none; and how many were put in."""
     if old is None:
-        old = Second(number, rate, state.head, np.full((rate, 3), np.nan), 0, 0)
+        old = Second(number, rate, state.head, np.full((rate, 3), np.nan), 0, 0, state.first_revision)
     elif old.rate == 0:
         old = replace(old, rate=rate, acceleration_m_s2=np.full((rate, 3), np.nan))
     samples = old.acceleration_m_s2.copy()
@@ -197,7 +199,7 @@ def _close(state: FusionState, until_ns: int) -> tuple[FusionState, set[int]]:
     for m in state.measurements:
         number = m.second
         if m.t_gps_ns <= until_ns and number not in seconds:
-            seconds[number] = Second(number, 0, state.head, np.zeros((0, 3)), 0, m.t_receive_ns)
+            seconds[number] = Second(number, 0, state.head, np.zeros((0, 3)), 0, m.t_receive_ns, state.first_revision)
             closed.add(number)
     for number, s in seconds.items():
         if s.filled < s.rate and index_in_second(s, until_ns) >= s.filled:
@@ -272,7 +274,13 @@ def _one_more_late(state: FusionState) -> FusionState:
     """Count an input that came too late; after too many the filter starts anew."""
     if state.late_in_a_row + 1 < LATE_IN_A_ROW:
         return replace(state, late_in_a_row=state.late_in_a_row + 1)
-    fresh = FusionState(state.station, state.gravity_m_s2, unknown_node(), counters=state.counters)
+    fresh = FusionState(
+        state.station,
+        state.gravity_m_s2,
+        unknown_node(),
+        first_revision=state.first_revision + REVISIONS_OF_A_START,
+        counters=state.counters,
+    )
     return _counted(fresh, "restarted_after_a_wrong_time_stamp", 1)
 
 

@@ -103,6 +103,7 @@ class FusionState:
     tail: SampleTail = NO_TAIL
     t_samples_end_gps_ns: int | None = None  # of the last inertial sample
     stale_from: int | None = None  # first second whose emitted block is older than the filter's knowledge of it
+    first_revision: int = 0  # of every block
     late_in_a_row: int = 0  # inputs that came too late, since one that did not
     no_solution: str = ""  # why the last solution had no displacement to use
     counters: Mapping[str, int] = field(default_factory=dict)  # inputs not used, by reason
