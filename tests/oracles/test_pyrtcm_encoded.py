@@ -101,7 +101,7 @@ def test_pyrtcm_reads_our_descriptions() -> None:
     receiver = {"receiver_type": "TRIMBLE ALLOY", "receiver_firmware": "6.20", "receiver_serial": "604"}
     theirs = RTCMMessage(payload=encode(Message(1033, fields | receiver)))
     for df, expected in (("DF030", "antenna_type"), ("DF033", "antenna_serial"), ("DF228", "receiver_type")):
-        value = {**fields, **receiver}[expected]
+        value = str({**fields, **receiver}[expected])
         assert "".join(getattr(theirs, f"{df}_{i:02d}") for i in range(1, len(value) + 1)) == value
     biases = {"station": 5, "aligned": True, "signal_mask": 0b1010, "biases_m": (-1.5, 2.04)}
     theirs = RTCMMessage(payload=encode(Message(1230, biases)))

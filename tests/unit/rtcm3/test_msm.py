@@ -68,7 +68,7 @@ def _plain_decode(payload: bytes) -> list[dict[str, Any]]:
     cells = [(s, g) for s in satellites for g in signals if reader.unsigned(1)]
     whole_bits, extended_bits, modulo_bits, rate_bits = SATELLITE_COLUMNS.get(kind, (0, 0, 10, 0))
 
-    def column(bits: int, keys: list[Any], signed: bool = False) -> dict[Any, int | None]:
+    def column(bits: int, keys: list[Any], signed: bool = False) -> dict[Any, Any]:
         if not bits:
             return dict.fromkeys(keys)
         raw = {i: reader.signed(bits) if signed else reader.unsigned(bits) for i in range(len(keys))}
@@ -135,7 +135,7 @@ def test_the_kernel_agrees_with_its_plain_twin(number: int) -> None:
         else:
             assert np.isnan(message.pseudorange_m).all()
             assert np.isnan(message.carrier_phase_cycles).all()
-        columns = {
+        columns: dict[str, Any] = {
             "satellite": message.satellite, "signal": message.signal, "code": code, "phase": phase,
             "rate": message.phase_range_rate_m_s, "cn0": message.cn0_db_hz, "lock": message.lock_time_s,
             "half": message.half_cycle_ambiguous, "channel": message.glonass_channel,
@@ -155,6 +155,7 @@ def test_encoding_keeps_every_value(number: int) -> None:
         once = decode(encode(first))
         assert isinstance(once, Observations)
         twice = decode(encode(once))
+        assert isinstance(twice, Observations)
         for name, a, b in zip(once._fields, once, twice, strict=True):
             if isinstance(a, np.ndarray):
                 np.testing.assert_array_equal(a, b, err_msg=name)
