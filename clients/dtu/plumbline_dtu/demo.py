@@ -34,9 +34,11 @@ SHAKING = "main-span"
 _STATIONS = (("west-pylon", 12.8260), (SHAKING, 12.8283), ("east-pylon", 12.8306))
 _LATITUDE_DEG, _HEIGHT_M = 55.5765, 57.0
 _RATE_HZ = 100
-_ERRORS = Errors(code_m=0.08, phase_m=0.001, code_multipath_m=0.03, phase_multipath_m=0.0008)
+_ERRORS = Errors(code_m=0.05, phase_m=0.001, code_multipath_m=0.01, phase_multipath_m=0.0008)  # an open sky
 _SWAY = bursts(Sine(1, 0.025, 0.3), every_s=30.0, lasting_s=20.0)
 _START_DEADLINE_S = 60.0
+_HEARTBEAT = b"$DTU,alive\r\n"
+_DEVICE_TOML = rf'device = {{ token = "{TOKEN}", heartbeat = "$DTU,alive\\x0d\\x0a" }}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,7 @@ def settings_toml(data_dir: Path, ports: Ports) -> str:
         f'station = "{CORRECTIONS}"',
         'name = "Simulated corrections"',
         'mode = "corrections"',
-        f'device = {{ token = "{TOKEN}" }}',
+        _DEVICE_TOML,
     ]
     for plan in plans():
         lines += ["", *_station_toml(plan)]
@@ -92,6 +94,7 @@ def settings_toml(data_dir: Path, ports: Ports) -> str:
             f'quantity = "{quantity}"',
             f"level = {level}",
             f"dead_band = {level / 3:.4f}",
+            "on_delay_s = 2.0",
             "off_delay_s = 5.0",
         ]
     return "\n".join(lines) + "\n"
@@ -109,8 +112,8 @@ def _station_toml(plan: StationPlan) -> list[str]:
         f"reference_position_ecef_m = [{x:.4f}, {y:.4f}, {z:.4f}]",
         'reference_frame = "simulated"',
         f'correction_streams = ["{CORRECTIONS}"]',
-        f'device = {{ token = "{TOKEN}" }}',
-        'positioning = { systems = "GEC", code_sigma_m = 0.1, phase_sigma_m = 0.002 }',
+        _DEVICE_TOML,
+        'positioning = { systems = "GEC", code_sigma_m = 0.06, phase_sigma_m = 0.002 }',
         f"fusion = {{ rotation_enu_from_sensor = {rotation} }}",
     ]
 
@@ -137,7 +140,7 @@ def _demo(parsed: argparse.Namespace) -> int:
         server = stack.enter_context(_server(config))
         _wait_for_server(server, ports)
         print(f"plumbline demo: http://127.0.0.1:{ports.http}/  (Ctrl-C ends it)", flush=True)
-        options = DeviceOptions("127.0.0.1", ports.ingest, f"{{name}},{TOKEN}\r\n".encode(), b"$DTU\r\n")
+        options = DeviceOptions("127.0.0.1", ports.ingest, f"{{name}},{TOKEN}\r\n".encode(), _HEARTBEAT)
         reference_ns = gps_ns_from_unix_ns(time.time_ns()) // WEEK_NS * WEEK_NS
         scenario = Scenario(plans(), Constellation(reference_ns), CORRECTIONS, correction_interval_s=2)
         with contextlib.suppress(KeyboardInterrupt):
@@ -182,15 +185,14 @@ def _server(config: Path):  # type: ignore[no-untyped-def]
 
 def _wait_for_server(server: "subprocess.Popen[bytes]", ports: Ports) -> None:
     deadline = time.monotonic() + _START_DEADLINE_S
-    for port in (ports.ingest, ports.http):
-        while True:
-            if server.poll() is not None:
-                raise PlumblineError(f"the server ended with code {server.returncode}")
-            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
-                break
-            if time.monotonic() > deadline:
-                raise PlumblineError(f"the server does not listen on port {port}")
-            time.sleep(0.1)
+    while True:
+        if server.poll() is not None:
+            raise PlumblineError(f"the server ended with code {server.returncode}")
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", ports.http), timeout=1.0):
+            return
+        if time.monotonic() > deadline:
+            raise PlumblineError(f"the server does not listen on port {ports.http}")
+        time.sleep(0.1)
 
 
 def _free_port(port: int) -> int:

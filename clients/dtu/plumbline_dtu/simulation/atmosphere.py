@@ -29,10 +29,10 @@ def ionosphere_m(tecu: Floats, frequency_hz: Floats) -> Floats:
     return _TECU_DELAY * tecu / frequency_hz**2
 
 
-def zenith_wet_m(t_gps_ns: int, seed: int) -> float:
-    """Wet zenith delay, m: slow waves of 1.5 cm around 12 cm."""
+def wet_departure_m(t_gps_ns: int, seed: int) -> float:
+    """Departure of the zenith wet delay from its climatological value, m: slow waves of about 1.5 cm."""
     hours = (t_gps_ns % (7 * DAY_NS)) / _HOUR_NS
-    return 0.12 + 0.010 * math.sin(hours * 0.9 + seed) + 0.005 * math.sin(hours * 2.3 + 2.0 * seed)
+    return 0.010 * math.sin(hours * 0.9 + seed) + 0.005 * math.sin(hours * 2.3 + 2.0 * seed)
 
 
 class CorrelatedNoise:

@@ -14,7 +14,7 @@ from plumbline.gnss.line_of_sight import LineOfSight, line_of_sight_model
 from plumbline.gnss.satellite_states import broadcast_at_transmission
 from plumbline.gnss.sun_moon import sun_moon_ecef
 from plumbline.gnss.tides import solid_earth_tide_ecef_m
-from plumbline.gnss.troposphere import troposphere_site
+from plumbline.gnss.troposphere import ZENITH_WET, troposphere_site
 from plumbline.gps_time import NS_PER_S, gps_minus_utc_s
 from plumbline.records import Epoch, Floats
 from plumbline.signals import BAND_FREQUENCIES_HZ, System, signal_code, signal_id
@@ -25,7 +25,7 @@ from plumbline_dtu.simulation.atmosphere import (
     ionosphere_m,
     repeating_multipath,
     slant_tecu,
-    zenith_wet_m,
+    wet_departure_m,
 )
 from plumbline_dtu.simulation.constellation import Constellation, clock_wave_s
 from plumbline_dtu.simulation.motion import Motion, static
@@ -47,7 +47,7 @@ class Errors:
     code_multipath_m: float = 0.25  # correlated over a minute; as much again repeats with the geometry
     phase_multipath_m: float = 0.0015
     ionosphere: bool = True
-    wet_delay: bool = True
+    wet_delay: bool = True  # departures from the climatological delay, which is always there
     clock_s: float = 3e-8
     slips_per_hour: float = 0.0  # per signal
     lost_epochs: float = 0.0  # probability that an epoch does not come
@@ -147,7 +147,8 @@ class Receiver:
         frequency = np.array([BAND_FREQUENCIES_HZ[System(s // 64)][signal_code(int(i))[0]] for s, i in
                               zip(satellite, signal, strict=True)])  # fmt: skip
         wavelength = SPEED_OF_LIGHT_M_S / frequency
-        wet = zenith_wet_m(t_gps_ns, plan.seed) if errors.wet_delay else 0.0
+        wet = float(self._troposphere(t_gps_ns)[ZENITH_WET])
+        wet += wet_departure_m(t_gps_ns, plan.seed) if errors.wet_delay else 0.0
         base = (sight.range_m + sight.shapiro_m + sight.hydrostatic_m + sight.wet_mapping * wet)[index]
         base = base + SPEED_OF_LIGHT_M_S * (clock_s - satellite_clock[index])
         delay = np.zeros(len(index))
