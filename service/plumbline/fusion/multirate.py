@@ -205,6 +205,8 @@ def _close(state: FusionState, until_ns: int) -> tuple[FusionState, set[int]]:
         if s.filled < s.rate and index_in_second(s, until_ns) >= s.filled:
             seconds[number] = replace(s, filled=s.rate)
             closed.add(number)
+    if not closed:
+        return state, closed
     return replace(state, seconds=tuple(s for _, s in sorted(seconds.items()))), closed
 
 
