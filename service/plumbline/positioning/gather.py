@@ -17,6 +17,7 @@ from plumbline.gnss.troposphere import troposphere_site
 from plumbline.gps_time import gps_minus_utc_s
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.ppp_model import antenna_bands, combine, previous_wind_up
+from plumbline.positioning.ppp_noise import Tuning
 from plumbline.positioning.preprocess import signal_pairs
 from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
 from plumbline.positioning.spp import PointSolution, single_point
@@ -29,6 +30,24 @@ _CODE_SIGMA_M: Final = 1.0  # of an ionosphere-free code at the zenith
 _ONE_FREQUENCY_SIGMA_M: Final = 6.0  # the ionosphere is not modelled
 _UNKNOWN_BIAS_SIGMA_M: Final = 2.0
 _GLONASS_SIGMA_M: Final = 3.0  # inter-channel biases
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """An epoch with its satellites, and everything else that a step knows."""
+
+    epoch: Epoch
+    pairs: Records
+    states: SatelliteStates  # precise ones
+    settings: PositioningSettings
+    facts: StationFacts
+    tuning: Tuning
+    missing: str  # why systems do not contribute
+
+    @property
+    def max_gap_ns(self) -> int:
+        """Longest interruption of a satellite that its ambiguity may survive."""
+        return round(self.settings.max_gap_s * 1e9)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,24 +12,23 @@ import numpy as np
 from plumbline.config import PositioningSettings
 from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET
 from plumbline.positioning import ppp_filter
-from plumbline.positioning.cycle_slip import code_only_clock_jump_m, update_arcs
 from plumbline.positioning.facts import StationFacts
-from plumbline.positioning.gather import Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
+from plumbline.positioning.fall_back import enough, fall_back
+from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
 from plumbline.positioning.ppp_model import keep_wind_up
-from plumbline.positioning.ppp_noise import Tuning, code_scale, tuning_of, variances
-from plumbline.positioning.reasons import missing_systems, too_few
-from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
-from plumbline.positioning.solutions import letters_of, no_position, point_solution, precise_solution, rotation_at
-from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, PppState, Records, no_arcs
+from plumbline.positioning.ppp_noise import code_scale, tuning_of, variances
+from plumbline.positioning.reasons import missing_systems
+from plumbline.positioning.satellites import Cause, SatelliteSource
+from plumbline.positioning.solutions import letters_of, no_position, precise_solution, rotation_at
+from plumbline.positioning.state import GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, PppState, Records, no_arcs
+from plumbline.positioning.tracking import Tracked, track
 from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
 
 _NS: Final = 1_000_000_000
-_MIN_SATELLITES: Final = 4  # and one more for every system beyond the first
 _START_SIGMA_M: Final = 30.0
 _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
-_REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
 
 
@@ -47,17 +46,7 @@ class EpochQuality:
     variance_m2: Floats  # (m,)
 
 
-@dataclass(frozen=True, slots=True)
-class _Inputs:
-    """An epoch with its satellites."""
-
-    epoch: Epoch
-    pairs: Records
-    states: SatelliteStates
-    settings: PositioningSettings
-    facts: StationFacts
-    tuning: Tuning
-    missing: str
+_Result = tuple[PppState, Solution, EpochQuality | None]
 
 
 def step(
@@ -72,7 +61,7 @@ def step_with_quality(
     state: PppState, epoch: Epoch, source: SatelliteSource, settings: PositioningSettings, facts: StationFacts
 ) -> tuple[PppState, Solution, EpochQuality | None]:
     """As :func:`step`, with what the test of the observations saw (None where the filter was not updated)."""
-    if state.t_gps_ns is not None and epoch.t_gps_ns <= state.t_gps_ns:
+    if state.t_last_epoch_ns is not None and epoch.t_gps_ns <= state.t_last_epoch_ns:
         return state, no_position(epoch, facts, Status.REJECTED, "epoch is not newer than the one before"), None
     epoch = select_rows(epoch, settings.systems)
     if epoch.satellite.size == 0:
@@ -82,38 +71,12 @@ def step_with_quality(
         return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no usable pseudoranges"), None
     states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
     missing = missing_systems(settings.systems, pairs, states)
-    inputs = _Inputs(epoch, pairs, states, settings, facts, tuning_of(settings), missing)
-    if not _enough(pairs[(states.cause == Cause.USABLE) & (pairs["frequency_2_hz"] > 0.0)]):
-        return state, _fall_back(state, inputs, source), None
-    if state.t_gps_ns is None:
-        return _start(state, inputs, source)
-    return _continue(state, inputs, source)
-
-
-def _enough(pairs: Records) -> bool:
-    return bool(pairs.size >= _MIN_SATELLITES - 1 + np.unique(pairs["system"]).size)
-
-
-def _fall_back(state: PppState, inputs: _Inputs, source: SatelliteSource) -> Solution:
-    """A single-point position where the precise one is impossible, or the status that says what lacks."""
-    epoch, facts = inputs.epoch, inputs.facts
-    usable = int((inputs.states.cause == Cause.USABLE).sum())
-    needed = _MIN_SATELLITES
-    why = inputs.missing or too_few(usable, needed, "")
-    pairs = pairs_of(epoch, source, state.arcs, precise=False)
-    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
-    start = state.x[POSITION] if state.t_gps_ns is not None else None
-    point = point_of(pairs, states, start)
-    if point is not None:
-        reference = facts.reference_position_ecef_m or state.reference_position_ecef_m
-        return point_solution(epoch, facts, reference, point, letters_of(pairs["system"][point.used]), why)
-    n = int((states.cause == Cause.USABLE).sum())
-    if n == 0:
-        status = Status.NO_EPHEMERIS if (states.cause == Cause.NO_EPHEMERIS).any() else Status.NO_CORRECTIONS
-        return no_position(epoch, facts, status, missing_systems(inputs.settings.systems, pairs, states) or why)
-    if n < needed:
-        return no_position(epoch, facts, Status.TOO_FEW_SATELLITES, too_few(n, needed, why), n)
-    return no_position(epoch, facts, Status.REJECTED, "the codes contradict each other; " + why, n)
+    inputs = Inputs(epoch, pairs, states, settings, facts, tuning_of(settings, states.code_bias_sigma_m), missing)
+    if not enough(pairs[(states.cause == Cause.USABLE) & (pairs["frequency_2_hz"] > 0.0)]):
+        return *fall_back(state, inputs, source), None
+    if state.t_gps_ns is None or state.rejected_in_a_row >= _REJECTED_LIMIT:
+        return _start(replace(state, t_gps_ns=None), inputs, source)
+    return _filter(state, inputs, source)
 
 
 def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, state: PppState) -> PppState:
@@ -129,49 +92,50 @@ def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, st
     )  # fmt: skip
 
 
-def _start(state: PppState, inputs: _Inputs, source: SatelliteSource) -> tuple[PppState, Solution, EpochQuality | None]:
+def _start(state: PppState, inputs: Inputs, source: SatelliteSource) -> _Result:
     """Begin the filter from a single-point position of the precise satellites."""
     point = point_of(inputs.pairs, inputs.states, None)
     if point is None:
-        return replace(state, t_gps_ns=None), _fall_back(state, inputs, source), None
+        return *fall_back(replace(state, t_gps_ns=None), inputs, source), None
     site = site_of(point.position_ecef_m, inputs.facts, inputs.epoch.t_gps_ns)
     begun = _begun(point.position_ecef_m, inputs.facts, float(site.troposphere[ZENITH_WET]), state)
-    return _filter(begun, inputs, source, dt_s=0.0)
+    return _filter(begun, inputs, source)
 
 
-def _continue(
-    state: PppState, inputs: _Inputs, source: SatelliteSource
-) -> tuple[PppState, Solution, EpochQuality | None]:
-    assert state.t_gps_ns is not None
-    if state.rejected_in_a_row >= _REJECTED_LIMIT:
-        return _start(replace(state, t_gps_ns=None), inputs, source)
-    return _filter(state, inputs, source, dt_s=(inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS)
-
-
-def _filter(
-    state: PppState, inputs: _Inputs, source: SatelliteSource, dt_s: float
-) -> tuple[PppState, Solution, EpochQuality | None]:
-    """Predict, test, update."""
-    epoch, pairs, tuning = inputs.epoch, inputs.pairs, inputs.tuning
+def _filter(state: PppState, inputs: Inputs, source: SatelliteSource) -> _Result:
+    """Model and track an epoch, then predict, test and update."""
+    epoch, pairs = inputs.epoch, inputs.pairs
     site = site_of(state.x[POSITION], inputs.facts, epoch.t_gps_ns)
     rows = model_of(pairs, inputs.states, site, inputs.facts, state.arcs, mask_rad_of(inputs.settings))
-    if not _enough(pairs[rows["usable"]]):
-        return state, _fall_back(state, inputs, source), None
-    jump_m = state.phase_jump_m + code_only_clock_jump_m(pairs, state.arcs, state.phase_jump_m)
-    max_gap_ns = int(inputs.settings.max_gap_s * _NS)
-    arcs, previous, arc_of_pair = update_arcs(state.arcs, pairs, rows["sine"], epoch.t_gps_ns, max_gap_ns, jump_m)
-    previous[arcs["refused"] >= _REFUSED_LIMIT] = -1
-    arcs["estimated"][previous < 0] = False
-    arcs["refused"][previous < 0] = 0
-    arcs["code_weight_m2"][previous < 0] = 0.0
-    pairs["phase_m"] += jump_m
-    keep_wind_up(rows, arcs, arc_of_pair)
-    x, p = ppp_filter.carry_over(state.x, state.p, previous)
+    if not enough(pairs[rows["usable"]]):
+        return *fall_back(state, inputs, source), None
+    tracked = track(state, pairs, rows["sine"], epoch.t_gps_ns, inputs.max_gap_ns)
+    keep_wind_up(rows, tracked.state.arcs, tracked.arc_of_pair)
+    updated, quality = _update(tracked, rows, inputs)
+    if quality is None:
+        return _start(replace(state, t_gps_ns=None), inputs, source)
+    if updated is None:
+        rejected = replace(tracked.state, rejected_in_a_row=state.rejected_in_a_row + 1)
+        refused = int(np.count_nonzero(~quality.used))
+        reason = f"{refused} and more of {quality.kind.size} observations contradict the others"
+        n = int(np.count_nonzero(rows["usable"]))
+        return rejected, no_position(epoch, inputs.facts, Status.REJECTED, reason, n), quality
+    return _finish(updated, inputs, site, rows, quality, tracked.new_ambiguities)
+
+
+def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState | None, EpochQuality | None]:
+    """The state updated by the epoch (None: its observations do not agree) and the test's findings.
+
+    Both are None where the codes show that the position is wrong altogether.
+    """
+    state, pairs, arc_of_pair, tuning = tracked.state, inputs.pairs, tracked.arc_of_pair, inputs.tuning
+    x, p, arcs = state.x.copy(), state.p.copy(), state.arcs.copy()
+    dt_s = 0.0 if state.t_gps_ns is None else (inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS
     if dt_s > 0.0:
         ppp_filter.predict_state(p, arcs, dt_s, tuning)
     misclosure_m = ppp_filter.foretell_clocks(x, p, rows, pairs)
-    if np.nanmedian(np.abs(misclosure_m)) > _LOST_M and dt_s > 0.0:
-        return _start(replace(state, t_gps_ns=None), inputs, source)
+    if np.nanmedian(np.abs(misclosure_m)) > _LOST_M and state.t_gps_ns is not None:
+        return None, None
     ppp_filter.begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
     scale = code_scale(misclosure_m, rows, pairs, tuning)
     code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
@@ -179,18 +143,13 @@ def _filter(
     used, whitened, nis, agrees = ppp_filter.update(x, p, h, v, r, max(2, kind.size // 6))
     quality = EpochQuality(kind, pairs, used, whitened, nis, h, v, r)
     if not agrees:
-        rejected = replace(state, rejected_in_a_row=state.rejected_in_a_row + 1)
-        reason = f"{int((~used).sum())} and more of {kind.size} observations contradict the others"
-        return rejected, no_position(epoch, inputs.facts, Status.REJECTED, reason, int(rows["usable"].sum())), quality
+        return None, quality
     ppp_filter.book_keep(kind, used, arcs, arc_of_pair, added)
-    state = replace(
-        state, t_gps_ns=epoch.t_gps_ns, x=x, p=p, arcs=arcs, phase_jump_m=jump_m, rejected_in_a_row=0
-    )  # fmt: skip
-    return _finish(state, inputs, site, rows, quality, int((previous < 0).sum()))
+    return replace(state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, rejected_in_a_row=0), quality
 
 
 def _finish(
-    state: PppState, inputs: _Inputs, site: Site, rows: Records, quality: EpochQuality, new_ambiguities: int
+    state: PppState, inputs: Inputs, site: Site, rows: Records, quality: EpochQuality, new_ambiguities: int
 ) -> tuple[PppState, Solution, EpochQuality]:
     """The solution of an updated filter, and what the state remembers of it."""
     epoch, facts = inputs.epoch, inputs.facts
@@ -224,6 +183,3 @@ def _pdop(rows: Records, system: Ints) -> float | None:
     if np.linalg.cond(normal) > 1e12:
         return None
     return float(np.sqrt(np.trace(np.linalg.inv(normal)[:3, :3])))
-
-
-__all__ = ["CLOCKS", "EpochQuality", "step", "step_with_quality"]

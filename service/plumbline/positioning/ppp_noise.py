@@ -11,6 +11,7 @@ stays alike for half a minute, so that faster rates do not add information.
 Phase: white noise; the slow part of orbit, clock and multipath errors is the ambiguities' random walk.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from plumbline.records import Floats, Ints
 from plumbline.signals import System
 
 _GLONASS: Final = int(System.GLONASS)
+_GALILEO: Final = int(System.GALILEO)
 _BEIDOU: Final = int(System.BEIDOU)
 _SBAS: Final = int(System.SBAS)
 _LOWEST_SINE: Final = 0.03
@@ -39,7 +41,8 @@ class Tuning(NamedTuple):
     common_clock_m: float  # the receiver clock after the codes have foretold it
     system_clock_m_sqrt_s: float  # walk of one system's clock against the others'
     ambiguity_m_sqrt_s: float
-    known_bias_m: float  # what is left of a code whose bias is known, ionosphere-free
+    gps_bias_m: float  # what is left of a code whose bias is known, ionosphere-free
+    galileo_bias_m: float
     unknown_bias_m: float
     glonass_bias_m: float  # inter-channel biases
     beidou_bias_m: float
@@ -47,8 +50,8 @@ class Tuning(NamedTuple):
     geo_factor: float  # sigma of BeiDou's geostationary satellites
 
 
-def tuning_of(settings: PositioningSettings) -> Tuning:
-    """The kernels' noise values of a station's settings."""
+def tuning_of(settings: PositioningSettings, code_bias_sigma_m: float = 0.0) -> Tuning:
+    """The kernels' noise values of a station's settings; ``code_bias_sigma_m`` is what the source's biases lack."""
     kinematic = settings.motion is AntennaMotion.KINEMATIC
     per_sqrt_s = 1.0 / 60.0  # √h is 60 √s
     return Tuning(
@@ -61,7 +64,8 @@ def tuning_of(settings: PositioningSettings) -> Tuning:
         common_clock_m=30.0,
         system_clock_m_sqrt_s=0.0002,
         ambiguity_m_sqrt_s=0.0003,
-        known_bias_m=0.15,
+        gps_bias_m=math.hypot(0.1, code_bias_sigma_m),
+        galileo_bias_m=math.hypot(0.2, code_bias_sigma_m),
         unknown_bias_m=1.0,
         glonass_bias_m=3.0,
         beidou_bias_m=1.0,
@@ -83,7 +87,8 @@ def _bias_sigma_m(pair, tuning: Tuning) -> float:  # type: ignore[no-untyped-def
         return tuning.glonass_bias_m
     if pair.system in (_BEIDOU, _SBAS):
         return tuning.beidou_bias_m
-    return tuning.known_bias_m if pair.bias_known else tuning.unknown_bias_m
+    known = tuning.galileo_bias_m if pair.system == _GALILEO else tuning.gps_bias_m
+    return known if pair.bias_known else tuning.unknown_bias_m
 
 
 @njit(cache=True)

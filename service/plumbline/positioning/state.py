@@ -56,9 +56,13 @@ def no_arcs() -> Records:
 
 @dataclass(frozen=True, slots=True)
 class PppState:
-    """State of the position filter after an epoch. ``t_gps_ns`` None: nothing has been estimated yet."""
+    """State of the position filter after an epoch. ``t_gps_ns`` None: nothing has been estimated yet.
 
-    t_gps_ns: int | None = None
+    Arcs are kept through epochs without corrections too, so that ambiguities survive them.
+    """
+
+    t_gps_ns: int | None = None  # of the last update
+    t_last_epoch_ns: int | None = None  # of the last epoch, with or without an update
     x: Floats = field(default_factory=lambda: np.zeros(N_CORE))
     p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))
     arcs: Records = field(default_factory=no_arcs)
