@@ -1,4 +1,4 @@
-"""Samples a second of processor time through the multirate filter, against a plain NumPy filter on the same samples in the same run."""
+"""Samples a second of processor time through the multirate filter, against plain NumPy on the same samples."""
 
 import time
 from collections.abc import Callable
