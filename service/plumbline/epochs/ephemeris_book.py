@@ -14,7 +14,7 @@ from plumbline.constants import BDT_BEHIND_GPST_S
 from plumbline.gnss.orbits_broadcast import pack
 from plumbline.gps_time import NS_PER_S, WEEK_NS
 from plumbline.records import UNKNOWN_CHANNEL, Ephemeris, Floats, GlonassEphemeris
-from plumbline.signals import System, system_of
+from plumbline.signals import SATELLITES_PER_SYSTEM, System, system_of
 
 _SETS_KEPT: Final = 24  # a satellite: four hours of Galileo's ten-minute sets, days of the others'
 #: Most time between a set's reference and its use, s: the systems' validity with some minutes' grace.
@@ -130,15 +130,15 @@ class EphemerisBook:
         kept = self._kept.get(satellite)
         if kept is None:
             return Choice(None, Match.NO_EPHEMERIS)
-        system = system_of(satellite)
-        message = message if system is System.GALILEO else None
+        galileo = satellite // SATELLITES_PER_SYSTEM == System.GALILEO
+        message = message if galileo else None
         all_visible = kept.entries[-1].first_receive_ns <= as_of_receive_ns
         key = (message, issue, issue_rule)
         answer = kept.answers.get(key) if all_visible else None
         if answer is not None and answer[0] < t_gps_ns < answer[1]:
             return answer[2]
         visible = [entry for entry in kept.entries if entry.first_receive_ns <= as_of_receive_ns]
-        limit_ns = self.max_age_s[system] * NS_PER_S * (1 if issue is None else _AGE_FACTOR_WITH_ISSUE)
+        limit_ns = self.max_age_s[system_of(satellite)] * NS_PER_S * (1 if issue is None else _AGE_FACTOR_WITH_ISSUE)
         lower, upper, choice = _choose(visible, t_gps_ns, limit_ns, issue, issue_rule, message)
         if all_visible:
             kept.answers[key] = (lower, upper, choice)

@@ -5,8 +5,8 @@ counted on top of that ephemeris's clock. Of the current and the previous ones t
 ephemeris has been received, so that neither a half-arrived update nor an ephemeris that comes late leaves a gap.
 """
 
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ from plumbline.epochs.ephemeris_chain import EphemerisLookup
 from plumbline.gnss.orbits_broadcast import N_COLUMNS
 from plumbline.gnss.ssr_orbits import CLOCK, CLOCK_T_S, HIGH_RATE_CLOCK, N_SSR_COLUMNS, ORBIT, ORBIT_T_S
 from plumbline.gps_time import NS_PER_S
-from plumbline.records import Floats, Ints, SatelliteIds
-from plumbline.signals import SATELLITES_PER_SYSTEM, System, system_of
+from plumbline.records import Booleans, Floats, Ints, SatelliteIds
+from plumbline.signals import SATELLITES_PER_SYSTEM, System
 
 SYSTEM_NAMES: Final = ("GPS", "GLONASS", "Galileo", "SBAS", "QZSS", "BeiDou", "NavIC")
 _ISSUE_NAMES: Final = {System.GALILEO: "IODnav", System.GLONASS: "t_b", System.BEIDOU: "toe modulo"}
@@ -55,19 +55,6 @@ class MatchedCorrections:
     issue_held: Ints  # (n,) the newest received ephemeris's, by the same rule; −1: none
 
 
-@dataclass(slots=True)
-class _Tables:
-    """A MatchedCorrections in the making."""
-
-    match: NDArray[np.int8]
-    rows: Floats
-    corrections: Floats
-    entries: list[Entry | None]
-    ages: Floats  # (n, 2) orbit, clock
-    ura_m: Floats
-    issues: Ints  # (n, 3) IOD SSR, wanted, held
-
-
 def matched(
     ephemerides: EphemerisLookup,
     corrections: CorrectionBook,
@@ -83,78 +70,122 @@ def matched(
     that has come in (same orbit; the clock then differs by some nanoseconds, constant over an issue).
     """
     n = len(satellite)
-    out = _Tables(
+    out = MatchedCorrections(
+        satellite=satellite,
         match=np.full(n, Match.NO_CORRECTIONS, dtype=np.int8),
         rows=np.zeros((n, N_COLUMNS)),
         corrections=np.full((n, N_SSR_COLUMNS), np.nan),
-        entries=[None] * n,
-        ages=np.full((n, 2), np.nan),
+        entries=(),
+        orbit_age_s=np.full(n, np.nan),
+        clock_age_s=np.full(n, np.nan),
         ura_m=np.full(n, np.nan),
-        issues=np.full((n, 3), -1, dtype=np.int64),
+        iod_ssr=np.full(n, -1, dtype=np.int64),
+        issue_wanted=np.full(n, -1, dtype=np.int64),
+        issue_held=np.full(n, -1, dtype=np.int64),
     )
-    states = corrections.states(as_of_receive_ns)
-    for i, satellite_id in enumerate(satellite.tolist()):
-        state = states.get(system_of(satellite_id))
-        if state is not None:
-            question = _Question(ephemerides, satellite_id, t_gps_ns, as_of_receive_ns, limits, galileo_message)
-            _match_one(out, i, state, question)
-    return MatchedCorrections(
-        satellite=satellite,
-        match=out.match,
-        rows=out.rows,
-        corrections=out.corrections,
-        entries=tuple(out.entries),
-        orbit_age_s=out.ages[:, 0],
-        clock_age_s=out.ages[:, 1],
-        ura_m=out.ura_m,
-        iod_ssr=out.issues[:, 0],
-        issue_wanted=out.issues[:, 1],
-        issue_held=out.issues[:, 2],
-    )
+    entries: list[Entry | None] = [None] * n
+    of_system = satellite // SATELLITES_PER_SYSTEM
+    question = _Question(ephemerides, t_gps_ns, as_of_receive_ns, limits, galileo_message)
+    for system, state in corrections.states(as_of_receive_ns).items():
+        places = np.flatnonzero(of_system == system)
+        if places.size:
+            _match_system(out, entries, places, state, question)
+    return replace(out, entries=tuple(entries))
 
 
 @dataclass(frozen=True, slots=True)
 class _Question:
     ephemerides: EphemerisLookup
-    satellite: int
     t_gps_ns: int
     as_of_ns: int
     limits: AgeLimits
     galileo_message: str
 
 
-def _match_one(out: _Tables, i: int, state: CorrectionState, q: _Question) -> None:
-    k, table = q.satellite % SATELLITES_PER_SYSTEM, state.orbits
-    orbits, clocks = table.orbit_ints[:, k].tolist(), table.clock_ints[:, k].tolist()
-    if orbits[CURRENT][T] == NEVER_NS or clocks[CURRENT][T] == NEVER_NS:
-        return
-    out.ages[i] = (q.t_gps_ns - orbits[CURRENT][T]) / NS_PER_S, (q.t_gps_ns - clocks[CURRENT][T]) / NS_PER_S
-    out.issues[i, :2] = orbits[CURRENT][IOD_SSR], orbits[CURRENT][ISSUE]
+class _Found(NamedTuple):
+    """Orbit and clock slot of the pair to use and its ephemeris, or why there is none."""
+
+    orbit_slot: int
+    clock_slot: int
+    entry: Entry | None
+    match: Match
+
+
+def _match_system(
+    out: MatchedCorrections,
+    entries: list[Entry | None],
+    places: NDArray[np.intp],
+    state: CorrectionState,
+    q: _Question,
+) -> None:
+    """Fill the rows ``places`` of one system."""
+    table = state.orbits
+    k = out.satellite[places].astype(np.intp) % SATELLITES_PER_SYSTEM
+    orbit_ints, clock_ints = table.orbit_ints[:, k], table.clock_ints[:, k]
+    present = np.flatnonzero((orbit_ints[CURRENT, :, T] != NEVER_NS) & (clock_ints[CURRENT, :, T] != NEVER_NS))
+    places, k, orbit_ints, clock_ints = places[present], k[present], orbit_ints[:, present], clock_ints[:, present]
+    newest_pairs = _newest_pairs(orbit_ints[CURRENT], clock_ints[CURRENT], q).tolist()
+    found = []
+    for j, (place, satellite) in enumerate(zip(places.tolist(), out.satellite[places].tolist(), strict=True)):
+        one = None
+        if newest_pairs[j]:
+            one = _ask(satellite, (CURRENT, CURRENT), int(orbit_ints[CURRENT, j, ISSUE]), state.issue_rule, q)
+        if one is None or one.entry is None:
+            one = _match_one(satellite, orbit_ints[:, j].tolist(), clock_ints[:, j].tolist(), state.issue_rule, q)
+        found.append(one)
+        entries[place] = one.entry
+        if one.entry is None and (newest := q.ephemerides.newest(satellite, q.as_of_ns)) is not None:
+            out.issue_held[place] = issue_by_rule(newest.ephemeris, state.issue_rule)
+    row = np.arange(places.size)
+    o, c = np.array([f.orbit_slot for f in found], np.intp), np.array([f.clock_slot for f in found], np.intp)
+    orbit, clock = orbit_ints[o, row], clock_ints[c, row]
+    out.match[places] = [f.match for f in found]
+    out.issue_wanted[places] = orbit_ints[CURRENT, :, ISSUE]
+    out.iod_ssr[places] = orbit[:, IOD_SSR]
+    out.orbit_age_s[places] = (q.t_gps_ns - orbit[:, T]) / NS_PER_S
+    out.clock_age_s[places] = (q.t_gps_ns - clock[:, T]) / NS_PER_S
+    used = np.flatnonzero(out.match[places] == Match.USABLE)
+    if used.size:
+        places, k, o, c, orbit, clock = places[used], k[used], o[used], c[used], orbit[used], clock[used]
+        out.rows[places] = [f.entry.row for f in found if f.entry is not None]
+        out.issue_held[places] = orbit[:, ISSUE]
+        out.ura_m[places] = state.biases.ura_m[k]
+        packed = np.empty((used.size, N_SSR_COLUMNS))
+        packed[:, ORBIT_T_S], packed[:, ORBIT_T_S + 1] = np.divmod(orbit[:, REFERENCE], NS_PER_S)
+        packed[:, ORBIT : ORBIT + 6] = table.orbit[o, k]
+        packed[:, CLOCK_T_S], packed[:, CLOCK_T_S + 1] = np.divmod(clock[:, REFERENCE], NS_PER_S)
+        packed[:, CLOCK : CLOCK + 3] = table.clock[c, k]
+        packed[:, HIGH_RATE_CLOCK] = _high_rate_m(table, k, clock, q)
+        out.corrections[places] = packed
+
+
+def _ask(satellite: int, slots: tuple[int, int], issue: int, rule: str, q: _Question) -> _Found:
+    entry, why = q.ephemerides.select(
+        satellite, q.t_gps_ns, q.as_of_ns, issue=issue, issue_rule=rule, message=q.galileo_message
+    )
+    return _Found(*slots, entry, why)
+
+
+def _newest_pairs(orbit: Ints, clock: Ints, q: _Question) -> Booleans:
+    """Which of the newest orbits and clocks belong together and are in time: the common case, for all satellites."""
+    orbit_limit_ns, clock_limit_ns = round(q.limits.orbit_s * NS_PER_S), round(q.limits.clock_s * NS_PER_S)
+    together = (orbit[:, IOD_SSR] == clock[:, IOD_SSR]) & (clock[:, T] >= orbit[:, SINCE])
+    in_time = (np.abs(q.t_gps_ns - orbit[:, T]) <= orbit_limit_ns) & (
+        np.abs(q.t_gps_ns - clock[:, T]) <= clock_limit_ns
+    )
+    return np.asarray(together & in_time, dtype=np.bool_)
+
+
+def _match_one(satellite: int, orbits: list[list[int]], clocks: list[list[int]], rule: str, q: _Question) -> _Found:
+    """The newest pair of a satellite that can be used; else the reason why the newest in time cannot."""
     match = Match.CORRECTIONS_TOO_OLD
     for o, c in _PAIRS:
-        orbit, clock = orbits[o], clocks[c]
-        if not (_belong_together(orbits, clocks, o, c) and _in_time(orbit, clock, q)):
-            continue
-        entry, why = q.ephemerides.select(
-            q.satellite,
-            q.t_gps_ns,
-            q.as_of_ns,
-            issue=orbit[ISSUE],
-            issue_rule=state.issue_rule,
-            message=q.galileo_message,
-        )
-        if entry is not None:
-            out.match[i], out.entries[i], out.rows[i] = Match.USABLE, entry, entry.row
-            out.ages[i] = (q.t_gps_ns - orbit[T]) / NS_PER_S, (q.t_gps_ns - clock[T]) / NS_PER_S
-            out.issues[i] = orbit[IOD_SSR], orbits[CURRENT][ISSUE], orbit[ISSUE]
-            out.ura_m[i] = state.biases.ura_m[k]
-            _fill(out.corrections[i], table, k, (o, c), orbit, clock)
-            out.corrections[i, HIGH_RATE_CLOCK] = _high_rate_m(table, k, clock, q)
-            return
-        match = why if match is Match.CORRECTIONS_TOO_OLD else match
-    out.match[i] = match
-    newest = q.ephemerides.newest(q.satellite, q.as_of_ns)
-    out.issues[i, 2] = -1 if newest is None else issue_by_rule(newest.ephemeris, state.issue_rule)
+        if _belong_together(orbits, clocks, o, c) and _in_time(orbits[o], clocks[c], q):
+            found = _ask(satellite, (o, c), orbits[o][ISSUE], rule, q)
+            if found.entry is not None:
+                return found
+            match = found.match if match is Match.CORRECTIONS_TOO_OLD else match
+    return _Found(CURRENT, CURRENT, None, match)
 
 
 def _belong_together(orbits: list[list[int]], clocks: list[list[int]], o: int, c: int) -> bool:
@@ -170,21 +201,13 @@ def _in_time(orbit: list[int], clock: list[int], q: _Question) -> bool:
     return orbit_age_ns <= q.limits.orbit_s * NS_PER_S and clock_age_ns <= q.limits.clock_s * NS_PER_S
 
 
-def _fill(
-    row: Floats, table: OrbitsAndClocks, k: int, slots: tuple[int, int], orbit: list[int], clock: list[int]
-) -> None:
-    o, c = slots
-    row[ORBIT_T_S], row[ORBIT_T_S + 1] = divmod(orbit[REFERENCE], NS_PER_S)
-    row[ORBIT : ORBIT + 6] = table.orbit[o, k]
-    row[CLOCK_T_S], row[CLOCK_T_S + 1] = divmod(clock[REFERENCE], NS_PER_S)
-    row[CLOCK : CLOCK + 3] = table.clock[c, k]
-
-
-def _high_rate_m(table: OrbitsAndClocks, k: int, clock: list[int], q: _Question) -> float:
-    """The high-rate clock that belongs on top of a clock; zero where there is none in time."""
-    t_ns, _, iod_ssr = table.high_rate_ints[k].tolist()
-    in_time = abs(q.t_gps_ns - t_ns) <= q.limits.high_rate_s * NS_PER_S
-    return float(table.high_rate_m[k]) if in_time and iod_ssr == clock[IOD_SSR] and t_ns >= clock[T] else 0.0
+def _high_rate_m(table: OrbitsAndClocks, k: NDArray[np.intp], clock: Ints, q: _Question) -> Floats:
+    """The high-rate clocks that belong on top of clocks, (n,); zero where there is none in time."""
+    stamps = table.high_rate_ints[k]
+    limit_ns = round(q.limits.high_rate_s * NS_PER_S)
+    in_time = (stamps[:, T] >= q.t_gps_ns - limit_ns) & (stamps[:, T] <= q.t_gps_ns + limit_ns)
+    follows = (stamps[:, IOD_SSR] == clock[:, IOD_SSR]) & (stamps[:, T] >= clock[:, T])
+    return np.where(in_time & follows, table.high_rate_m[k], 0.0)
 
 
 # --------------------------------------------------------------------------------------------- in words
