@@ -361,7 +361,8 @@ def _converter(row: Row) -> Callable[[int], Any] | None:
     if row.kind is Kind.SIGN_MAGNITUDE or sentinel is not None:
         return general
     if scale is not None:
-        return lambda raw: ((raw ^ flip) - flip + offset) * scale
+        shift = offset - flip
+        return (lambda raw: ((raw ^ flip) + shift) * scale) if flip or offset else (lambda raw: raw * scale)
     return (lambda raw: (raw ^ flip) - flip + offset) if flip or offset else None
 
 

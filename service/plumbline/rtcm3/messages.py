@@ -2,7 +2,6 @@
 
 from plumbline.errors import ContractError
 from plumbline.rtcm3.fields import Malformed, Message, Unknown, decode_table, encode_table, subtype_of, table_of
-from plumbline.rtcm3.framing import message_number
 from plumbline.rtcm3.inertial import DEFAULT_INERTIAL_NUMBER, InertialMessage, decode_inertial, encode_inertial
 from plumbline.rtcm3.legacy import LEGACY_TABLES, decode_legacy, encode_legacy
 from plumbline.rtcm3.msm import decode_msm
@@ -18,7 +17,7 @@ def decode(payload: bytes, inertial_number: int = DEFAULT_INERTIAL_NUMBER) -> De
     """Decode a payload: never raises, whatever the bytes; what cannot be understood is a value that says so."""
     if len(payload) < 2:
         return Malformed(0, "too_short")
-    number = message_number(payload)
+    number = (payload[0] << 4) | (payload[1] >> 4)
     if number == inertial_number:
         return decode_inertial(payload)
     if number in MSM_NUMBERS:
