@@ -253,10 +253,10 @@ class _Service:
             correction = corrections_at(self.tables, own, header, self.offset_of)
             if not len(correction.orbit.satellite):
                 continue
-            if t_gps_ns // NS_PER_S % _BIAS_INTERVAL_S == 0 or not self.counts[f"corrections of {system.name}"]:
-                file.writelines(correction_frames(zero_code_biases(header, correction.orbit.satellite.tolist())))
             file.writelines(correction_frames(correction.orbit))
             file.writelines(correction_frames(correction.clock))
+            if t_gps_ns // NS_PER_S % _BIAS_INTERVAL_S == 0 or not self.counts[f"corrections of {system.name}"]:
+                file.writelines(correction_frames(zero_code_biases(header, correction.orbit.satellite.tolist())))
             self.counts[f"corrections of {system.name}"] += len(correction.orbit.satellite)
 
 

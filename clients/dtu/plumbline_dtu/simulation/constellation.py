@@ -250,10 +250,10 @@ def _corrections(
             continue
         ephemerides = {int(satellite): sets[int(satellite)] for satellite in satellites[own]}
         correction = correction_of(header, ephemerides, reference[own], rate[own])
-        if with_biases:
-            yield from correction_frames(zero_code_biases(header, satellites[own].tolist()))
         yield from correction_frames(correction.orbit)
         yield from correction_frames(correction.clock)
+        if with_biases:  # behind the orbits, which tell the dialect of BeiDou's messages
+            yield from correction_frames(zero_code_biases(header, satellites[own].tolist()))
 
 
 def _difference(satellites: SatelliteIds, rows: Floats, broadcast_rows: Floats, t_gps_ns: int) -> Floats:
