@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 SLOTS = "_books-{}"  # no station's id begins with an underscore
 OWNER_KEY = "_books"
-BOOKS_HISTORY_NS = 60 * NS_PER_S  # how far back the books answer as of a time
+BOOKS_HISTORY_NS = 0  # how far back the books give the answers of the past, in all that is asked of them
 SAVE_INTERVAL_NS = 30 * NS_PER_S
 LOOK_BACK_NS = 4 * 3600 * NS_PER_S  # without a snapshot: how much of the streams to read again
 SILENT_AFTER_NS = 60 * NS_PER_S

@@ -6,6 +6,7 @@ last stored checkpoint, then the archive from where the checkpoint had consumed 
 
 import asyncio
 import contextlib
+import itertools
 import logging
 import time
 from collections import Counter
@@ -54,7 +55,7 @@ class Worker:
         self._bus = bus
         self._processing = processing or real_processing()
         self._inbox = Inbox()
-        self._merger = Merger(lead_ns=BOOKS_HISTORY_NS // 2)
+        self._merger = Merger(lead_ns=BOOKS_HISTORY_NS)
         self._books = SharedBooks(self._processing)
         self._configs: dict[str, StationConfig] = {}
         self._runners: dict[str, StationRunner] = {}
@@ -108,6 +109,8 @@ class Worker:
 
     async def _drain(self) -> None:
         """Have everything that the archives hold for this worker's stations, as far as that can be had in time."""
+        if self._unsettled and self._workers:
+            await self._settle()
         self._merger.refetch()
         deadline_s = time.monotonic() + DRAIN_S
         while time.monotonic() < deadline_s and (self._merger.wanted() or self._fetching or self._process()):
@@ -295,7 +298,7 @@ class Worker:
 
         async def ask(station: str) -> tuple[str, CheckpointMessage | None]:
             async with limit:
-                while not self._stopping:
+                for _ in range(3) if self._stopping else itertools.count():
                     answers = await self._bus.query(keys.of(keys.QUERY_CHECKPOINT, station), timeout_s=5.0)
                     if answers:
                         return station, decode_checkpoint(answers[0]) if answers[0] else None

@@ -1,0 +1,230 @@
+"""`kill -9` of any process leaves the stored series as if nothing had happened.
+
+Oracle: the archive through the pipelines once more, in one undisturbed go; every stored row must equal its row.
+"""
+
+import asyncio
+import contextlib
+import functools
+import itertools
+import json
+import os
+import signal
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from plumbline.archive import Archive
+from plumbline.bus.messages import StationConfig
+from plumbline.records import Solution
+from plumbline.store import Store
+from plumbline.worker.replay import replay_archive
+
+pytestmark = [pytest.mark.realdata, pytest.mark.timeout(240)]
+
+CONFIG = """
+http_host = "127.0.0.1"
+http_port = 0
+ingest_host = "127.0.0.1"
+ingest_port = 0
+checkpoint_interval_s = 1.0
+workers = 2
+{extra}
+
+[[stations]]
+station = "rover"
+mode = "ppp"
+device = {{ registrations = ["rover!"] }}
+
+[[stations]]
+station = "base"
+mode = "ppp"
+device = {{ registrations = ["base!"] }}
+
+[[stations]]
+station = "ssr"
+mode = "corrections"
+device = {{ registrations = ["ssr!"] }}
+"""
+FILES = {"rover": "ROVRMSG.bin", "base": "ROMAMSG.bin", "ssr": "SSRTEST_20260206_CORR.bin"}
+PACKETS = 600  # each stream is cut into as many packets: about four seconds of data in each
+
+
+def recordings(data_dir: Path) -> dict[str, list[bytes]]:
+    """Each stream, cut into ``PACKETS`` packets."""
+    cut = {}
+    for name, file in FILES.items():
+        data = (data_dir / "sc134-2026-037" / file).read_bytes()
+        edges = np.linspace(0, len(data), PACKETS + 1).astype(int)
+        cut[name] = [data[a:b] for a, b in itertools.pairwise(edges)]
+    return cut
+
+
+async def send(
+    device: type, port: int, packets: dict[str, list[bytes]], begin: int, end: int, pause_s: float = 0.01
+) -> None:
+    """Packets ``begin`` to ``end`` of every stream, in step."""
+    devices = {name: device(port, f"{name}!".encode()) for name in packets}
+    for one in devices.values():
+        await one.__aenter__()
+    for i in range(begin, end):
+        for name, one in devices.items():
+            await one.send(packets[name][i], packet=1 << 20, pause_s=0.0)
+        await asyncio.sleep(pause_s)
+    for one in devices.values():
+        await one.__aexit__()
+
+
+async def stored_solutions(data_dir: Path) -> tuple[dict[str, list[Solution]], list[StationConfig]]:
+    """Every stored solution by station, and the stations."""
+    store = await Store.open(f"sqlite:///{data_dir / 'plumbline.sqlite'}")
+    configs = [
+        StationConfig(row.settings.station, row.settings, (), row.created_gps_ns, row.changed_gps_ns)
+        for row in await store.stations()
+    ]
+    found: dict[str, list[Solution]] = {}
+    for config in configs:
+        rows: list[Solution] = []
+        page = await store.solutions(config.station, limit=5000)
+        rows += page.items
+        while page.next:
+            page = await store.solutions(config.station, limit=5000, cursor=page.next)
+            rows += page.items
+        if rows:
+            found[config.station] = rows
+    await store.close()
+    return found, configs
+
+
+def undisturbed(data_dir: Path, configs: list[StationConfig]) -> dict[str, list[Solution]]:
+    """What one pass over the archive gives, by station, in order of time, the last row of each time."""
+    archive = Archive(data_dir / "archive", writable=False)
+    rows: dict[str, dict[int, Solution]] = {}
+    for output in replay_archive(archive, configs):
+        if isinstance(output, Solution):
+            rows.setdefault(output.station, {})[output.t_gps_ns] = output
+    return {station: [by_time[t] for t in sorted(by_time)] for station, by_time in rows.items()}
+
+
+def row(solution: Solution) -> tuple[object, ...]:
+    """A solution as plain values, for an exact comparison."""
+    arrays = (solution.position_ecef_m, solution.displacement_enu_m, solution.velocity_enu_m_s)
+    plain = tuple(None if a is None else tuple(np.asarray(a).tolist()) for a in arrays)
+    covariance = None if solution.covariance_enu_m2 is None else tuple(solution.covariance_enu_m2[np.triu_indices(3)])
+    return (
+        solution.t_gps_ns,
+        solution.t_receive_ns,
+        solution.status,
+        solution.reason,
+        solution.n_satellites,
+        solution.systems,
+        solution.zenith_delay_m,
+        solution.correction_age_s,
+        covariance,
+        *plain,
+    )
+
+
+def all_consumed(data_dir: Path) -> bool:
+    """Whether the stored checkpoints of all stations have consumed all that is archived."""
+    archive = Archive(data_dir / "archive", writable=False)
+    with contextlib.closing(sqlite3.connect(data_dir / "plumbline.sqlite")) as connection:
+        consumed = dict(connection.execute("SELECT station, consumed FROM checkpoints").fetchall())
+    return all(json.loads(consumed.get(s, "{}")).get(archive.archive_id) == archive.end(s) for s in ("rover", "base"))
+
+
+def ready(http: str) -> bool:
+    """Whether every role is there."""
+    return httpx.get(f"{http}/readyz").status_code == 200
+
+
+def assert_equals_replay(data_dir: Path, least_rows: int) -> None:
+    """Every stored row equals the undisturbed one, and none is missing or too many."""
+    stored, configs = asyncio.run(stored_solutions(data_dir))
+    expected = undisturbed(data_dir, configs)
+    assert sorted(stored) == sorted(expected) == ["base", "rover"]
+    for station, solutions in expected.items():
+        assert len(solutions) >= least_rows
+        found = [row(s) for s in stored[station]]
+        wanted = [row(s) for s in solutions]
+        different = [(a, b) for a, b in zip(found, wanted, strict=False) if a != b]
+        assert not different, f"{station}: {len(different)} rows differ, first {different[0]}"
+        assert len(found) == len(wanted)
+
+
+def test_killed_workers_leave_no_mark(serve: Callable, device: type, data_dir: Path) -> None:
+    packets = recordings(data_dir)
+    server = serve(CONFIG.format(extra=""))
+
+    async def play() -> None:
+        sending = asyncio.create_task(send(device, server.ingest_port, packets, 0, PACKETS, pause_s=0.02))
+        for _ in range(3):
+            await asyncio.sleep(4.0)
+            os.kill(server.children()[0], signal.SIGKILL)
+        await sending
+
+    asyncio.run(play())
+    server.wait_for(lambda: all_consumed(server.data_dir))
+    assert server.stop() == 0, server.log
+    assert server.log.count("ended with -9") == 3
+    assert_equals_replay(server.data_dir, least_rows=2500)
+
+
+def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_dir: Path) -> None:
+    packets = recordings(data_dir)
+    server = serve(CONFIG.format(extra=""))
+    asyncio.run(send(device, server.ingest_port, packets, 0, 300))
+    workers = server.children()
+    server.kill()
+    deadline = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in workers), "workers outlive their server"
+    server = serve(CONFIG.format(extra=""))
+    asyncio.run(send(device, server.ingest_port, packets, 300, PACKETS))
+    server.wait_for(lambda: all_consumed(server.data_dir))
+    assert server.stop() == 0, server.log
+    assert_equals_replay(server.data_dir, least_rows=2500)
+
+
+def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, data_dir: Path) -> None:
+    packets = recordings(data_dir)
+    for begin, end in ((0, 200), (200, 400), (400, PACKETS)):
+        server = serve(CONFIG.format(extra=""))
+        server.wait_for(functools.partial(ready, server.http))
+        asyncio.run(send(device, server.ingest_port, packets, begin, end, pause_s=0.0))
+        assert server.stop() == 0, server.log
+        assert "Traceback" not in server.log, server.log
+    assert_equals_replay(server.data_dir, least_rows=2500)
+
+
+def test_killed_store_gets_what_it_missed(serve: Callable, device: type, data_dir: Path) -> None:
+    packets = recordings(data_dir)
+    hub = CONFIG.format(extra='bus_endpoint = "tcp/127.0.0.1:19711"')
+    spoke = CONFIG.format(extra='bus_connect = ["tcp/127.0.0.1:19711"]')
+    ingest = serve(hub, "--role", "ingest", wait=False)
+    store = serve(spoke, "--role", "store", wait=False)
+    store.wait_until_serving()
+    ingest.wait_until_serving()
+    worker = serve(spoke, "--role", "worker")
+
+    async def play() -> Callable:
+        sending = asyncio.create_task(send(device, ingest.ingest_port, packets, 0, PACKETS, pause_s=0.02))
+        await asyncio.sleep(5.0)
+        await asyncio.to_thread(store.kill)
+        await asyncio.sleep(3.0)
+        again = await asyncio.to_thread(serve, spoke, "--role", "store")
+        await sending
+        return again
+
+    store = asyncio.run(play())
+    ingest.wait_for(lambda: all_consumed(ingest.data_dir))
+    assert worker.stop() == 0, worker.log
+    assert store.stop() == 0, store.log
+    assert ingest.stop() == 0, ingest.log
+    assert_equals_replay(ingest.data_dir, least_rows=2500)
