@@ -59,7 +59,7 @@ def _three(series: Series, option: str) -> Series:
 
 
 def _figures(fused: FusedSeries, gnss: Series, withheld: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> str:
-    innovations = np.array([innovation.innovation_enu_m for innovation in fused.innovations[1:]])
+    innovations = np.array([innovation.innovation_enu_m for innovation in fused.innovations])
     lines = [f"one-step innovation RMS E N U: {_millimetres(_rms(innovations))} mm ({len(innovations)} epochs)"]
     if withheld.any():
         error = fused.displacement_at(gnss.t_gps_ns[withheld]) - gnss.values[withheld]
