@@ -154,15 +154,15 @@ async def _run(
     """Simulate until the time is over, a signal comes, or the server ends."""
     simulation = asyncio.create_task(run_live(scenario, options, duration_s))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, simulation.cancel)
-    ended = asyncio.create_task(asyncio.to_thread(server.wait))
-    await asyncio.wait({simulation, ended}, return_when=asyncio.FIRST_COMPLETED)
-    if server.poll() is not None:
+    try:
+        while server.poll() is None and not simulation.done():
+            await asyncio.wait({simulation}, timeout=0.2)
+        if server.poll() is not None:
+            raise PlumblineError(f"the server ended with code {server.returncode}")
+    finally:
         simulation.cancel()
-        raise PlumblineError(f"the server ended with code {server.returncode}")
-    server.terminate()  # lets the waiting thread end too
-    with contextlib.suppress(asyncio.CancelledError):
-        await simulation
-    await ended
+        with contextlib.suppress(asyncio.CancelledError):
+            await simulation
 
 
 @contextlib.contextmanager

@@ -51,7 +51,7 @@ class Books:
     ephemerides: EphemerisBook = field(default_factory=EphemerisBook)
     corrections: CorrectionBook = field(default_factory=CorrectionBook)
     time_base: TimeBase = field(default_factory=TimeBase)
-    translator: SsrTranslator = field(default_factory=SsrTranslator)
+    translators: dict[str, SsrTranslator] = field(default_factory=dict)  # by stream
     has_corrections: bool = False
     _weekless: list[tuple[Message, int]] = field(
         default_factory=list
@@ -63,8 +63,10 @@ class Books:
         self.time_base.learn(ephemeris.toe_gps_ns, ephemeris.t_receive_ns)
         self.ephemerides.add(ephemeris)
 
-    def learn(self, message: DecodedMessage, t_receive_ns: int) -> bool:
-        """Take a message if it is an ephemeris or an SSR correction; False if it is neither (its time is noted)."""
+    def learn(self, message: DecodedMessage, t_receive_ns: int, stream: str = "") -> bool:
+        """Take a message if it is an ephemeris or an SSR correction; False if it is neither (its time is noted).
+
+        ``stream`` names its source: dialects and providers are told apart by it."""
         near_ns = self.time_base.near(t_receive_ns)
         if isinstance(message, Observations) and message.system is not System.GLONASS:
             self.time_base.observe(message.t_gps_ns(near_ns))
@@ -74,7 +76,7 @@ class Books:
             self._learn_ephemeris(message, t_receive_ns, near_ns)
             return True
         if message.number in translate_ssr.NUMBERS:
-            self._learn_correction(message, t_receive_ns, near_ns)
+            self._learn_correction(message, t_receive_ns, near_ns, stream)
             return True
         return False
 
@@ -96,15 +98,16 @@ class Books:
             for earlier, received_ns in waiting:
                 self._learn_ephemeris(earlier, received_ns, self.time_base.near(received_ns))
 
-    def _learn_correction(self, message: Message, t_receive_ns: int, near_ns: int) -> None:
-        corrections = self.translator.translate(message, t_receive_ns, near_ns)
+    def _learn_correction(self, message: Message, t_receive_ns: int, near_ns: int, stream: str) -> None:
+        translator = self.translators.setdefault(stream, SsrTranslator())
+        corrections = translator.translate(message, t_receive_ns, near_ns)
         if isinstance(corrections, translate_ephemeris.Rejected):
             self.counters[f"correction_{corrections.reason}"] += 1
             return
         self.has_corrections = self.has_corrections or bool(corrections)
         for correction in corrections:
             self.time_base.observe(correction.header.t_gps_ns)
-            self.corrections.add(correction)
+            self.corrections.add(correction, stream)
 
 
 class NavigationFeed:
@@ -118,7 +121,7 @@ class NavigationFeed:
     def receive(self, data: bytes, t_receive_ns: int) -> None:
         """Decode and keep what is for the books; the rest is left alone."""
         for message in self._decoder.receive(data):
-            self._books.learn(message, t_receive_ns)
+            self._books.learn(message, t_receive_ns, self.stream)
 
     @property
     def counters(self) -> dict[str, int]:
