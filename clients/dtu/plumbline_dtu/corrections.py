@@ -85,16 +85,15 @@ class Correction:
 def corrections_at(
     tables: PreciseTables, ephemerides: Mapping[int, Ephemeris], header: SsrHeader, offset_of: OffsetOf | None = None
 ) -> Correction:
-    """Corrections of one system's satellites over ``header``'s interval; satellites without products are left out."""
+    """Corrections of one system over ``header``'s interval; what the products lack by its end is left out."""
     satellites: SatelliteIds = np.array(sorted(ephemerides), np.int16)
     rows = np.array([pack(ephemerides[int(satellite)]) for satellite in satellites]).reshape(-1, N_COLUMNS)
     span_ns = max(round(header.update_interval_s * NS_PER_S), NS_PER_S)
     first = _difference(tables, satellites, rows, header.t_gps_ns, offset_of)
     last = _difference(tables, satellites, rows, header.t_gps_ns + span_ns, offset_of)
     rate = (last - first) / (span_ns / NS_PER_S)
-    rate[np.isnan(rate)] = 0.0  # the last node of the products: constant from here on
     reference = first + rate * (0.5 * header.update_interval_s)
-    keep = (np.abs(reference) < _LARGEST_M).all(axis=1)  # False where NaN
+    keep = (np.abs(reference) < _LARGEST_M).all(axis=1)  # False where NaN: a gap is not bridged
     return correction_of(header, {int(s): ephemerides[int(s)] for s in satellites[keep]}, reference[keep], rate[keep])
 
 
