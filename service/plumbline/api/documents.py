@@ -17,6 +17,7 @@ from plumbline import __version__
 from plumbline.api import schemas, stream
 from plumbline.api.application import routes
 from plumbline.api.feed import Channel
+from plumbline.records import Status
 
 _REFERENCE: Final = "#/components/schemas/{model}"
 
@@ -38,7 +39,8 @@ class MotionMessage(_Numbered):
     station: str
     time: schemas.IsoTime
     interval_s: float
-    status: str
+    status: Status
+    reason: str
     revision: int
     east_mm: schemas.Column
     north_mm: schemas.Column

@@ -16,6 +16,7 @@ from typing import Final
 from plumbline.records import AlertEvent, Motion, Output, Solution, StationStatus
 
 RING_CAPACITY: Final = 65_536
+RING_BYTES: Final = 64 * 1024 * 1024
 QUEUE_CAPACITY: Final = 2_048
 
 
@@ -111,6 +112,12 @@ class Subscription:
         return self._queue.popleft()
 
 
+def _size(entry: Entry) -> int:
+    """About how many bytes an entry keeps: a block's four arrays, or a small record."""
+    output = entry.output
+    return 1000 + (4 * output.displacement_enu_m.nbytes if isinstance(output, Motion) else 0)
+
+
 class Feed:
     """Numbers outputs and hands them to subscribers. Use from one event loop.
 
@@ -121,11 +128,15 @@ class Feed:
     def __init__(
         self,
         ring_capacity: int = RING_CAPACITY,
+        ring_bytes: int = RING_BYTES,
         queue_capacity: int = QUEUE_CAPACITY,
         clock_us: Callable[[], int] = lambda: time.time_ns() // 1000,
     ) -> None:
         self.feed_id: Final = secrets.token_hex(8)
-        self._ring: deque[Entry] = deque(maxlen=ring_capacity)
+        self._ring: deque[Entry] = deque()
+        self._ring_capacity = ring_capacity
+        self._ring_bytes = ring_bytes
+        self._bytes = 0
         self._queue_capacity = queue_capacity
         self._next = clock_us()
         self._subscriptions: set[Subscription] = set()
@@ -151,11 +162,18 @@ class Feed:
         """Number an output and hand it to whoever wants it, at once and without waiting; returns its number."""
         entry = Entry(self._next, _CHANNEL_OF[type(output)], output)
         self._next += 1
-        self._ring.append(entry)
+        self._keep(entry)
         self.published[entry.channel] += 1
         for subscription in self._subscriptions:
             self.lost += not subscription.offer(entry)
         return entry.sequence
+
+    def _keep(self, entry: Entry) -> None:
+        """Into the ring, the oldest out of it as far as its bounds ask."""
+        self._ring.append(entry)
+        self._bytes += _size(entry)
+        while len(self._ring) > self._ring_capacity or (self._bytes > self._ring_bytes and len(self._ring) > 1):
+            self._bytes -= _size(self._ring.popleft())
 
     def publish_all(self, outputs: Iterable[Output]) -> None:
         """Publish several outputs in order."""

@@ -120,6 +120,7 @@ class BlockOut(BaseModel):
     n: int
     interval_s: float
     status: Status
+    reason: str
     revision: int
 
 

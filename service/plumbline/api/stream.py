@@ -24,8 +24,8 @@ each::
      "extras": {}}
 
     {"type": "motion", "sequence": 1767225600000019, "station": "a", "time": "2026-01-01T00:00:00.000Z",
-     "interval_s": 0.5, "status": "ppp_float", "revision": 0, "east_mm": [1.2, 1.3], "north_mm": [0.1, 0.1],
-     "up_mm": [3.0, 3.1], "velocity_east_mm_s": [0.1, 0.2], "velocity_north_mm_s": [0.0, 0.0],
+     "interval_s": 0.5, "status": "ppp_float", "reason": "", "revision": 0, "east_mm": [1.2, 1.3],
+     "north_mm": [0.1, 0.1], "up_mm": [3.0, 3.1], "velocity_east_mm_s": [0.1, 0.2], "velocity_north_mm_s": [0.0, 0.0],
      "velocity_up_mm_s": [0.1, 0.1], "acceleration_east_mm_s2": [1.0, 0.5], "acceleration_north_mm_s2": [0.2, 0.1],
      "acceleration_up_mm_s2": [0.0, 0.4], "sigma_east_mm": [2.0, 2.0], "sigma_north_mm": [2.1, 2.1],
      "sigma_up_mm": [5.0, 5.0]}

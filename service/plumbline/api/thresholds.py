@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import HTTPException, Query, Response
 from fastapi import Path as PathParameter
 
+from plumbline.alerts.quantities import QUANTITIES
 from plumbline.api.parts import CONFLICT, NOT_FOUND, ControlPart, StorePart, new_router
 from plumbline.api.problems import not_found
 from plumbline.api.schemas import Listing, ThresholdChange, ThresholdCreate, ThresholdOut
@@ -20,6 +21,8 @@ ThresholdName = Annotated[StationId, PathParameter(description="the threshold's 
 
 def to_threshold(body: ThresholdCreate) -> Threshold:
     """A threshold in SI units."""
+    if body.quantity not in QUANTITIES:
+        raise HTTPException(422, f"body.quantity: {body.quantity!r} is none of {', '.join(QUANTITIES)}")
     _, unit = unit_of_quantity(body.quantity)
     if body.unit is not None and body.unit != unit:
         raise HTTPException(422, f"body.unit: the unit of {body.quantity!r} is {unit!r}")

@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, AwareDatetime
 
+from plumbline.alerts.quantities import QUANTITIES
 from plumbline.config import Vector3
 from plumbline.gnss.earth_frames import ecef_from_geodetic, geodetic_from_ecef
 from plumbline.gps_time import GPS_EPOCH_UTC, gps_ns_from_utc, unix_ns_from_gps, utc_from_gps
@@ -14,8 +15,7 @@ from plumbline.records import Floats, Ints
 
 _LATEST: Final = datetime(2200, 1, 1, tzinfo=UTC)  # 64 bits of nanoseconds reach a little further
 
-#: Scale from SI and unit of the quantities that thresholds are set for, by their first word.
-_SCALES: Final = {"displacement": (1e3, "mm"), "velocity": (1e3, "mm/s"), "acceleration": (1e3, "mm/s²")}
+_SCALES: Final = {"m": (1e3, "mm"), "m/s": (1e3, "mm/s"), "m/s²": (1e3, "mm/s²")}
 
 
 def _in_range(moment: datetime) -> datetime:
@@ -88,8 +88,9 @@ def ecef_of_degrees(latitude_deg: float, longitude_deg: float, height_m: float) 
 
 
 def unit_of_quantity(quantity: str) -> tuple[float, str]:
-    """The factor from SI and the unit in which the API gives a threshold's quantity (empty: as it is)."""
-    return _SCALES.get(quantity.split("_", maxsplit=1)[0], (1.0, ""))
+    """The factor from SI and the unit in which the API gives a threshold's quantity (unknown: as it is)."""
+    unit = QUANTITIES.get(quantity, "")
+    return _SCALES.get(unit, (1.0, unit))
 
 
 def from_si(quantity: str, value: float) -> float:

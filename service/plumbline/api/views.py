@@ -124,6 +124,7 @@ def motion_view(motion: Motion, step: int = 1) -> dict[str, Any]:
         "time": iso(motion.t_first_gps_ns),
         "interval_s": motion.interval_ns * step / NS_PER_S,
         "status": motion.status.value,
+        "reason": motion.reason,
         "revision": motion.revision,
         **_columns(motion, step),
     }
@@ -151,6 +152,7 @@ def series_view(series: MotionSeries) -> dict[str, Any]:
             "n": block.n,
             "interval_s": block.interval_ns / NS_PER_S,
             "status": block.status,
+            "reason": block.reason,
             "revision": block.revision,
         }
         for block in series.blocks

@@ -142,6 +142,16 @@ def comment(connection: Connection, alert_id: str, by: str, text: str) -> AlertR
     return alert(connection, alert_id)
 
 
+def close_open(connection: Connection, station: str, threshold_id: str, why: str) -> None:
+    """Clear the alerts of a threshold that nobody judges any more, at the present time."""
+    now = gps_ns_from_unix_ns(time.time_ns())
+    mine = and_(_C.station == station, _C.threshold_id == threshold_id)
+    is_open = and_(mine, _C.t_cleared_gps_ns.is_(None))
+    for alert_id in connection.execute(select(_C.alert_id).where(is_open)).scalars().all():
+        insert_new(connection, alert_history, _note_row(alert_id, AlertNote(now, "cleared", "", why)))
+    connection.execute(update(alert_table).where(is_open).values(t_cleared_gps_ns=now))
+
+
 def open_events(connection: Connection, station: str) -> tuple[AlertEvent, ...]:
     """The activations of a station's alerts that are not cleared, the oldest first."""
     query = select(alert_table).where(_C.station == station, _C.t_cleared_gps_ns.is_(None))

@@ -113,6 +113,7 @@ def _motion(row: Row[Any]) -> Motion:
         arrays.sigma_displacement_enu_m,
         Status(row.status),
         row.revision,
+        row.reason,
     )
 
 
@@ -145,7 +146,7 @@ def _sample_series(connection: Connection, station: str, start: int, end: int, m
     rows = _block_rows(connection, station, start, end, max_points + 2)
     heads, times, revisions, columns, total = [], [], [], [], 0
     for row in rows:
-        heads.append(BlockHead(row.t_first_gps_ns, row.n, row.interval_ns, row.status, row.revision))
+        heads.append(BlockHead(row.t_first_gps_ns, row.n, row.interval_ns, row.status, row.revision, row.reason))
         t = row.t_first_gps_ns + row.interval_ns * np.arange(row.n, dtype=np.int64)
         inside = (t >= start) & (t < end)
         arrays = samples(decode(row.samples, row.n))

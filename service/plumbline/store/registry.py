@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Row, delete, select, update
 from plumbline.config import StationSettings
 from plumbline.gps_time import gps_ns_from_unix_ns
 from plumbline.records import Severity, StationStatus, Status, Threshold
-from plumbline.store import tables
+from plumbline.store import alert_log, tables
 from plumbline.store.cursors import from_cursor, to_cursor
 from plumbline.store.rows import Checkpoint, Device, Page, StationRow
 from plumbline.store.upsert import insert_new, upsert
@@ -85,7 +85,9 @@ def delete_station(connection: Connection, name: str, purge: bool) -> bool:
     """Remove a station, and with ``purge`` everything that was ever stored of it."""
     if not connection.execute(delete(tables.stations).where(_S.station == name)).rowcount:
         return False
-    for table in (tables.thresholds, tables.station_status, tables.checkpoints):
+    for one in thresholds(connection, name):
+        delete_threshold(connection, one.threshold_id)
+    for table in (tables.station_status, tables.checkpoints):
         connection.execute(delete(table).where(table.c.station == name))
     connection.execute(update(tables.devices).where(_D.station == name).values(station=None))
     if purge:
@@ -155,13 +157,19 @@ def create_threshold(connection: Connection, new: Threshold) -> bool:
 
 
 def change_threshold(connection: Connection, changed: Threshold) -> bool:
-    """Replace a threshold."""
+    """Replace a threshold; one that is disabled or of another quantity now leaves no alert active."""
+    before = threshold(connection, changed.threshold_id)
+    if before is not None and (not changed.enabled or before.quantity != changed.quantity):
+        alert_log.close_open(connection, before.station, changed.threshold_id, "the threshold was changed")
     query = update(tables.thresholds).where(_T.threshold_id == changed.threshold_id).values(_threshold_row(changed))
     return bool(connection.execute(query).rowcount)
 
 
 def delete_threshold(connection: Connection, threshold_id: str) -> bool:
-    """Remove a threshold."""
+    """Remove a threshold, and clear its alerts: nobody judges them any more."""
+    before = threshold(connection, threshold_id)
+    if before is not None:
+        alert_log.close_open(connection, before.station, threshold_id, "the threshold was removed")
     return bool(connection.execute(delete(tables.thresholds).where(_T.threshold_id == threshold_id)).rowcount)
 
 

@@ -79,6 +79,7 @@ class BlockHead:
     interval_ns: int
     status: str
     revision: int
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

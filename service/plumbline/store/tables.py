@@ -81,6 +81,7 @@ motion = Table(
     _required("status", Text),
     _required("revision", Integer),
     _required("samples", LargeBinary),
+    Column("reason", Text, nullable=False, server_default=""),
 )
 
 motion_summaries = Table(

@@ -187,4 +187,5 @@ def _motion_row(piece: _Piece) -> tuple[Any, ...]:
         head.status.value,
         head.revision,
         encode(piece.quanta),
+        head.reason,
     )

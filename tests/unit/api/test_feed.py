@@ -2,8 +2,10 @@
 
 import asyncio
 
+import numpy as np
+
 from plumbline.api.feed import Channel, Entry, Feed, Interest, Missed
-from plumbline.records import AlertEvent, AlertState, Severity, Solution, StationStatus, Status
+from plumbline.records import AlertEvent, AlertState, Motion, Severity, Solution, StationStatus, Status
 
 
 def solution(i: int, station: str = "a") -> Solution:
@@ -64,6 +66,14 @@ async def test_resuming_from_before_the_ring_says_so() -> None:
     missed, *rest = await drain(feed.subscribe(Interest(), resume_from=start + 2), 4)
     assert missed == Missed(start + 2, start + 6, None)
     assert [entry.sequence for entry in rest] == [start + 7, start + 8, start + 9]  # type: ignore[union-attr]
+
+
+async def test_the_ring_is_bounded_in_bytes_too() -> None:
+    feed = Feed(ring_bytes=50_000)
+    zeros = np.zeros((100, 3))
+    for i in range(20):
+        feed.publish(Motion("a", i, i, 1, zeros, zeros, zeros, zeros, Status.PPP_FLOAT))
+    assert feed.next_sequence - feed.oldest_sequence == 50_000 // (4 * 2400 + 1000)
 
 
 async def test_a_later_feed_has_higher_numbers_and_an_ended_subscription_gets_nothing() -> None:

@@ -231,7 +231,8 @@ async def test_motion_samples_and_summaries(client, tower, store) -> None:
     assert np.abs(np.array(fine["east_mm"]) - east).max() <= 0.00501 + 0.005
     assert fine["time"][11] == "2026-03-01T12:00:01.100Z"
     assert fine["blocks"][3] == {
-        "time": "2026-03-01T12:00:03.000Z", "n": 10, "interval_s": 0.1, "status": "ppp_float", "revision": 0,
+        "time": "2026-03-01T12:00:03.000Z", "n": 10, "interval_s": 0.1, "status": "ppp_float", "reason": "",
+        "revision": 0,
     }  # fmt: skip
     coarse = (await client.get(address, params={"max_points": 100})).json()
     assert len(coarse["time"]) <= 100
@@ -311,6 +312,7 @@ async def test_thresholds_are_in_millimetres(client, tower, store, control) -> N
     is_problem(await client.post("/v1/thresholds", json=body | {"station": "none"}), 404)
     is_problem(await client.post("/v1/thresholds", json=body | {"unit": "m"}), 422, "mm")
     is_problem(await client.post("/v1/thresholds", json=body | {"dead_band": 60}), 422, "dead_band")
+    is_problem(await client.post("/v1/thresholds", json=body | {"quantity": "colour"}), 422, "displacement_horizontal")
     is_problem(await client.post("/v1/thresholds", json=body | {"severity": "loud"}), 422, "severity")
     changed = await client.patch("/v1/thresholds/t1", json={"level": 70, "enabled": False})
     assert (changed.json()["level"], changed.json()["enabled"], changed.json()["dead_band"]) == (70.0, False, 5.0)

@@ -47,7 +47,8 @@ def test_degrees_survive_the_way_to_earth_fixed_and_back(latitude: float, longit
 
 
 @given(
-    st.integers(-(10**12), 10**12).map(lambda n: n / 1e4), st.sampled_from(["displacement_up", "velocity_east", "age"])
+    st.integers(-(10**12), 10**12).map(lambda n: n / 1e4),
+    st.sampled_from(["displacement_up", "velocity_east", "data_gap"]),
 )
 def test_levels_survive_the_way_to_si_and_back(level: float, quantity: str) -> None:
     assert from_si(quantity, to_si(quantity, level)) == pytest.approx(level, rel=1e-11)

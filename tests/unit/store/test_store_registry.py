@@ -114,6 +114,22 @@ async def test_the_life_of_an_alert(store: Store) -> None:
     assert await store.comment("none", "", "x") is None
 
 
+async def test_a_threshold_that_goes_leaves_no_alert_active(store: Store) -> None:
+    threshold = Threshold("t", "a", "displacement_east", 0.05)
+    await store.create_threshold(threshold)
+    await store.write([event(AlertState.ACTIVE, 1)])
+    await store.change_threshold(replace(threshold, level=0.06))
+    assert len(await store.open_alert_events("a")) == 1
+    await store.change_threshold(replace(threshold, enabled=False))
+    row = await store.alert("a/t/0")
+    assert row is not None
+    assert row.state is AlertState.CLEARED
+    assert row.history[-1].text == "the threshold was changed"
+    await store.write([event(AlertState.ACTIVE, 5, "a/t/5")])
+    await store.delete_threshold("t")
+    assert await store.open_alert_events("a") == ()
+
+
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 async def test_an_alert_ends_cleared_in_whatever_order_its_events_come(store: Store, order: tuple[int, int]) -> None:
     events = [event(AlertState.ACTIVE, 1), event(AlertState.CLEARED, 2)]

@@ -49,7 +49,8 @@ def block(second: int, station: str = "a", revision: int = 0, n: int = 10, t_gps
     rng = np.random.default_rng([second, revision])
     d, v, a, s = (rng.normal(0, scale, (n, 3)) for scale in (0.004, 0.0007, 0.005, 0.001))
     first = T0 + second * NS_PER_S if t_gps_ns is None else t_gps_ns
-    return Motion(station, first, first + NS_PER_S, INTERVAL_NS, d, v, a, s, Status.PPP_FLOAT, revision)
+    status, reason = (Status.PPP_FLOAT, "") if revision else (Status.COASTING, "no displacement from GNSS for 12 s")
+    return Motion(station, first, first + NS_PER_S, INTERVAL_NS, d, v, a, s, status, revision, reason)
 
 
 def same(left: Any, right: Any) -> bool:
@@ -141,6 +142,10 @@ async def test_a_higher_revision_replaces_and_a_lower_never_does(store: Store) -
         await store.write([block(0, revision=revision)])
         (stored,) = await store.motion_blocks("a")
         assert stored.revision == expected
+        assert (stored.status, stored.reason) == (
+            block(0, revision=expected).status,
+            block(0, revision=expected).reason,
+        )
         assert np.abs(stored.displacement_enu_m - block(0, revision=expected).displacement_enu_m).max() <= 5.001e-6
         (mean,) = (await store.motion("a", bucket_ns=DAY_NS)).displacement_enu_m
         assert np.allclose(mean, stored.displacement_enu_m.mean(axis=0), atol=1e-12)
