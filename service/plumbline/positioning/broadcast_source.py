@@ -22,7 +22,6 @@ from plumbline.signals import N_SIGNALS, signal_id
 
 _BROADCAST_SIGMA_M: Final = 2.0  # orbit and clock along the line of sight; GLONASS and BeiDou up to twice that
 _SSR_SIGMA_FLOOR_M: Final = 0.03  # real-time orbits and clocks, whatever accuracy the service claims
-_CODE_BIAS_SIGMA_M: Final = 0.3  # of the services' code biases, ionosphere-free
 _NO_AGE: Final = np.nan
 
 _IS_REFERENCE: Final = np.zeros(N_SIGNALS, np.bool_)
@@ -65,7 +64,6 @@ class BroadcastSource:
             age_s=match.clock_age_s,
             centre_of_mass=self._centre_of_mass,
             limit_s=self._limits.clock_s,
-            code_bias_sigma_m=_CODE_BIAS_SIGMA_M,
         )
 
     def broadcast(self, t_gps_ns: int, t_receive_ns: int, satellite: SatelliteIds, range_m: Floats) -> SatelliteStates:

@@ -29,6 +29,7 @@ _START_SIGMA_M: Final = 30.0
 _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
+_SCALE_GAIN: Final = 0.05  # of the phases' usual statistic: a memory of 20 epochs
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
 
 
@@ -71,7 +72,7 @@ def step_with_quality(
         return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no usable pseudoranges"), None
     states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
     missing = missing_systems(settings.systems, pairs, states)
-    inputs = Inputs(epoch, pairs, states, settings, facts, tuning_of(settings, states.code_bias_sigma_m), missing)
+    inputs = Inputs(epoch, pairs, states, settings, facts, tuning_of(settings), missing)
     if not enough(pairs[(states.cause == Cause.USABLE) & (pairs["frequency_2_hz"] > 0.0)]):
         return *fall_back(state, inputs, source), None
     if state.t_gps_ns is None or state.rejected_in_a_row >= _REJECTED_LIMIT:
@@ -88,7 +89,7 @@ def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, st
     p[ZENITH_DELAY, ZENITH_DELAY] = _ZENITH_WET_SIGMA_M**2
     np.fill_diagonal(p[GRADIENTS, GRADIENTS], _GRADIENT_SIGMA_M**2)
     return replace(
-        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, rejected_in_a_row=0, t_converged_gps_ns=None
+        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, phase_scale=1.0, rejected_in_a_row=0, t_converged_gps_ns=None
     )  # fmt: skip
 
 
@@ -140,12 +141,19 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     scale = code_scale(misclosure_m, rows, pairs, tuning)
     code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
     h, v, r, kind = ppp_filter.observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
-    used, whitened, nis, agrees = ppp_filter.update(x, p, h, v, r, max(2, kind.size // 6))
-    quality = EpochQuality(kind, pairs, used, whitened, nis, h, v, r)
+    used, whitened, scale_now, agrees = ppp_filter.update(
+        x, p, h, v, r, kind, state.phase_scale, max(2, kind.size // 6)
+    )
+    quality = EpochQuality(kind, pairs, used, whitened, float(whitened @ whitened), h, v, r)
     if not agrees:
         return None, quality
     ppp_filter.book_keep(kind, used, arcs, arc_of_pair, added)
-    return replace(state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, rejected_in_a_row=0), quality
+    usual = (
+        state.phase_scale if np.isnan(scale_now) else state.phase_scale + _SCALE_GAIN * (scale_now - state.phase_scale)
+    )
+    return replace(
+        state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, rejected_in_a_row=0, phase_scale=usual
+    ), quality
 
 
 def _finish(

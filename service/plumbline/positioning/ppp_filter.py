@@ -29,7 +29,12 @@ _EAST: Final = GRADIENTS.start + 1
 _AMBIGUITY_SIGMA_M: Final = 60.0
 _NEW_CLOCK_SIGMA_M: Final = 30.0
 _POSITION_AXES: Final = POSITION.stop
-W_LIMIT: Final = 4.0
+W_LIMIT: Final = 4.0  # of codes
+W_LIMIT_OF_SCALE: Final = 5.0  # of phases, in units of their usual statistic
+_DOUBT: Final = 0.6  # share of its limit from which an observation is believed less
+_LEAST_SCALE: Final = 0.2
+_MOST_SCALE: Final = 2.0
+_NORMAL_MEDIAN: Final = 0.6745  # median of a standard normal's absolute value
 
 
 @njit(cache=True)
@@ -171,41 +176,84 @@ def _without(s: Floats, v: Floats, use: Booleans) -> tuple[Floats, Floats, Ints]
 
 
 @njit(cache=True)
-def snoop(s: Floats, v: Floats, most: int) -> tuple[Booleans, Floats, float, bool]:
-    """Leave out one observation after another while the largest w-statistic says so, ``most`` at most.
-
-    Returns which are in use (m,), the whitened innovations of those, their sum of squares (NIS) and whether what is
-    left agrees.
-    """
-    use = np.ones(v.size, np.bool_)
-    for attempt in range(most + 1):
-        reduced, innovation, keep = _without(s, v, use)
-        factor, positive = cholesky_lower(reduced)
-        if not positive:
-            return use, innovation, np.inf, False
-        inverse = lower_inverse(factor)
-        white = whiten(inverse, innovation)
-        statistics = np.abs(w_statistics(inverse, white))
-        worst = np.argmax(statistics)
-        if statistics[worst] <= W_LIMIT:
-            return use, white, np.sum(white * white), True
-        if attempt == most:
-            return use, white, np.sum(white * white), False
-        use[keep[worst]] = False
-    return use, v, np.inf, False
+def phase_scale(statistics: Floats, kind: Ints) -> float:
+    """How large the phases' w-statistics are against a standard normal's: robust, from their median; NaN without any."""
+    sizes = np.abs(statistics[kind % 2 == 1])
+    return np.median(sizes) / _NORMAL_MEDIAN if sizes.size > 0 else np.nan
 
 
 @njit(cache=True)
-def update(x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, most: int):  # type: ignore[no-untyped-def]
+def _limits(kind: Ints, scale: float) -> Floats:
+    """What each w-statistic may be at most: a factor of what the phases' usually are; codes by their own variance."""
+    limits = np.full(kind.size, W_LIMIT)
+    limits[kind % 2 == 1] = W_LIMIT_OF_SCALE * min(max(scale, _LEAST_SCALE), _MOST_SCALE)
+    return limits
+
+
+@njit(cache=True)
+def doubt(ratio: float) -> float:
+    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 below ``_DOUBT``, then up.
+
+    It grows without bound towards the limit (the IGG III weights of Yang 1999), so that whether an observation lies
+    just below or just above makes no jump in the position.
+    """
+    if ratio <= _DOUBT:
+        return 1.0
+    left = max(1.0 - ratio, 1e-3)
+    return ratio / _DOUBT * ((1.0 - _DOUBT) / left) ** 2
+
+
+_Snooped = tuple[Booleans, Floats, Floats, float, bool]
+_Updated = tuple[Booleans, Floats, float, bool]
+
+
+@njit(cache=True)
+def snoop(s: Floats, v: Floats, kind: Ints, usual_scale: float, most: int) -> _Snooped:
+    """Leave out one observation after another while the largest w-statistic says so, ``most`` at most.
+
+    The phases' variances hold their slow errors too, so that their statistics are smaller than a standard normal's:
+    they are judged by what they usually are (``usual_scale``) or, where an epoch is restless altogether, are now.
+    Returns which are in use (m,), factors on their variances (m,), the whitened innovations of those in use,
+    :func:`phase_scale` of the epoch and whether what is left agrees.
+    """
+    use, factors = np.ones(v.size, np.bool_), np.ones(v.size)
+    scale_now, limits, white = np.nan, np.full(v.size, W_LIMIT), v
+    for attempt in range(most + 1):
+        reduced, innovation, keep = _without(s, v, use)
+        cholesky, positive = cholesky_lower(reduced)
+        if not positive:
+            break
+        inverse = lower_inverse(cholesky)
+        white = whiten(inverse, innovation)
+        statistics = np.abs(w_statistics(inverse, white))
+        if attempt == 0:
+            scale_now = phase_scale(statistics, kind)
+            limits = _limits(kind, np.fmax(usual_scale, scale_now))
+        ratio = statistics / limits[keep]
+        worst = np.argmax(ratio)
+        if ratio[worst] <= 1.0:
+            for i in range(keep.size):
+                factors[keep[i]] = doubt(ratio[i])
+            return use, factors, white, scale_now, True
+        if attempt < most:
+            use[keep[worst]] = False
+    return use, factors, white, scale_now, False
+
+
+@njit(cache=True)
+def update(
+    x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, kind: Ints, usual_scale: float, most: int
+) -> _Updated:
     """Test an epoch's observations and, where they agree, update ``x`` and ``p`` in place by those that passed.
 
-    Returns as :func:`snoop`. Where the observations do not agree nothing is changed.
+    Returns which were used (m,), their whitened innovations, the phases' scale and whether the observations agree;
+    where they do not, nothing is changed.
     """
     s = innovation_covariance(p, h, r)
-    use, white, nis, agrees = snoop(s, v, most)
+    use, factors, white, scale_now, agrees = snoop(s, v, kind, usual_scale, most)
     if agrees:
-        update_sequential(x, p, h, r, v, use)
-    return use, white, nis, agrees
+        update_sequential(x, p, h, r * factors, v, use)
+    return use, white, scale_now, agrees
 
 
 @njit(cache=True)

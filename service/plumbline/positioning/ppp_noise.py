@@ -11,7 +11,6 @@ stays alike for half a minute, so that faster rates do not add information.
 Phase: white noise; the slow part of orbit, clock and multipath errors is the ambiguities' random walk.
 """
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -50,8 +49,8 @@ class Tuning(NamedTuple):
     geo_factor: float  # sigma of BeiDou's geostationary satellites
 
 
-def tuning_of(settings: PositioningSettings, code_bias_sigma_m: float = 0.0) -> Tuning:
-    """The kernels' noise values of a station's settings; ``code_bias_sigma_m`` is what the source's biases lack."""
+def tuning_of(settings: PositioningSettings) -> Tuning:
+    """The kernels' noise values of a station's settings."""
     kinematic = settings.motion is AntennaMotion.KINEMATIC
     per_sqrt_s = 1.0 / 60.0  # √h is 60 √s
     return Tuning(
@@ -64,8 +63,8 @@ def tuning_of(settings: PositioningSettings, code_bias_sigma_m: float = 0.0) -> 
         common_clock_m=30.0,
         system_clock_m_sqrt_s=0.0002,
         ambiguity_m_sqrt_s=0.0003,
-        gps_bias_m=math.hypot(0.1, code_bias_sigma_m),
-        galileo_bias_m=math.hypot(0.2, code_bias_sigma_m),
+        gps_bias_m=0.1,
+        galileo_bias_m=0.2,
         unknown_bias_m=1.0,
         glonass_bias_m=3.0,
         beidou_bias_m=1.0,

@@ -44,7 +44,6 @@ class SatelliteStates:
     age_s: Floats  # (n,) of the corrections (broadcast: of the ephemeris); NaN where meaningless or never received
     centre_of_mass: bool  # positions are centres of mass: the satellite antenna's offset is still to be applied
     limit_s: float = np.nan  # the age limit that CORRECTIONS_TOO_OLD refers to
-    code_bias_sigma_m: float = 0.0  # what code biases known from this source lack, ionosphere-free
 
 
 @dataclass(frozen=True, slots=True)
