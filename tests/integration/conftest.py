@@ -20,8 +20,9 @@ class Serving:
     def __init__(self, folder: Path, config: str, *arguments: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.data_dir = folder / "data"
-        self._log = folder / f"log-{len(list(folder.glob('log-*')))}.txt"
-        toml = folder / "plumbline.toml"
+        n = len(list(folder.glob("log-*")))
+        self._log = folder / f"log-{n}.txt"
+        toml = folder / f"plumbline-{n}.toml"
         toml.write_text(config, encoding="utf-8")
         command = [sys.executable, "-m", "plumbline.cli", "serve", "--config", str(toml)]
         command += ["--data-dir", str(self.data_dir), *arguments]

@@ -143,6 +143,12 @@ def ready(http: str) -> bool:
     return httpx.get(f"{http}/readyz").status_code == 200
 
 
+def assert_all_archived(data_dir: Path, packets: dict[str, list[bytes]], n: int) -> None:
+    """Every byte that was sent is in the archive."""
+    archive = Archive(data_dir / "archive", writable=False)
+    assert {s: archive.end(s) for s in packets} == {s: sum(map(len, cut[:n])) for s, cut in packets.items()}
+
+
 def assert_equals_replay(data_dir: Path, least_rows: int) -> None:
     """Every stored row equals the undisturbed one, and none is missing or too many."""
     stored, configs = asyncio.run(stored_solutions(data_dir))
@@ -200,6 +206,7 @@ def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, dat
         asyncio.run(send(device, server.ingest_port, packets, begin, end, pause_s=0.0))
         assert server.stop() == 0, server.log
         assert "Traceback" not in server.log, server.log
+        assert_all_archived(server.data_dir, packets, end)
     assert_equals_replay(server.data_dir, least_rows=2500)
 
 

@@ -29,7 +29,8 @@ class Connection(asyncio.Protocol):
         self._registrar: Registrar | None = None
         self._stream: DeviceStream | None = None
         self._reason = ""
-        self._began = self._last = 0.0
+        self._began = 0.0
+        self.last_s = 0.0  # of the loop's time, when bytes came last
         self.address = self.peer = ""
         self.stations: tuple[str, ...] = ()
 
@@ -40,7 +41,7 @@ class Connection(asyncio.Protocol):
         self._transport = cast(asyncio.Transport, transport)
         peer = transport.get_extra_info("peername") or ("unknown", 0)
         self.address, self.peer = str(peer[0]), f"{peer[0]}:{peer[1]}"
-        self._began = self._last = asyncio.get_running_loop().time()
+        self._began = self.last_s = asyncio.get_running_loop().time()
         _keep_alive(transport.get_extra_info("socket"))
         if not self._server.may_enter(self):
             self.end("refused")
@@ -57,7 +58,7 @@ class Connection(asyncio.Protocol):
         """Bytes: registration first, then the device's stream."""
         if self._reason:
             return
-        self._last = asyncio.get_running_loop().time()
+        self.last_s = asyncio.get_running_loop().time()
         if self._stream is not None:
             self._deliver(self._stream.receive(data))
         elif self._registrar is not None:
@@ -115,7 +116,7 @@ class Connection(asyncio.Protocol):
     def look(self, now: float) -> None:
         """The server's regular look: deadlines, and silences that decide something. ``now`` is the loop's time, s."""
         settings = self._server.settings
-        quiet_s = now - self._last
+        quiet_s = now - self.last_s
         if self._reason:
             return
         if self._registrar is not None:

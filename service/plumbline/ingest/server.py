@@ -16,6 +16,9 @@ from plumbline.ingest.registration import Admitted, Refused
 
 log = logging.getLogger(__name__)
 
+LAST_READ_S = 1.0
+QUIET_S = 0.05
+
 Sink = Callable[[str, bytes], None]
 
 
@@ -70,15 +73,25 @@ class IngestServer:
         self._sweeper = asyncio.create_task(self._sweep())
 
     async def stop(self) -> None:
-        """Accept nobody any more and end every connection; what they had sent has been through the sink."""
+        """Accept nobody any more and end every connection; what has arrived goes through the sink first."""
         self._accepting = False
         if self._sweeper is not None:
             self._sweeper.cancel()
         for server in self._servers.values():
             server.close()
+        await self._read_what_has_arrived()
         for connection in list(self._connections):
             connection.end("server_stops")
         await asyncio.sleep(0)
+
+    async def _read_what_has_arrived(self) -> None:
+        """Until the sockets are empty, or the devices go on for longer than the end can wait."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + LAST_READ_S
+        while loop.time() < deadline:
+            await asyncio.sleep(QUIET_S)
+            if all(loop.time() - connection.last_s > QUIET_S for connection in self._connections):
+                return
 
     async def change_directory(self, directory: Directory) -> None:
         """Follow a change of stations: ports open and close, devices whose settings changed have to come again."""
