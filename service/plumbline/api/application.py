@@ -11,7 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
 
 from plumbline import __version__
-from plumbline.api import alerts, devices, operations, problems, series, stations, stream, thresholds
+from plumbline.api import alerts, devices, operations, problems, series, stations, stream, thresholds, units
 from plumbline.api.control import Control
 from plumbline.api.feed import Feed
 from plumbline.api.problems import Problem
@@ -34,6 +34,7 @@ def create_app(
     dashboard: Path = DASHBOARD,
 ) -> FastAPI:
     """The ASGI application; ``registry`` may carry the caller's own metrics, which ``/metrics`` then shows too."""
+    units.warm_up()
     app = routes()
     app.state.store, app.state.feed, app.state.control, app.state.settings = store, feed, control, settings
     app.state.meters = operations.Meters(registry if registry is not None else CollectorRegistry(), feed)
@@ -77,4 +78,6 @@ def _mount_dashboard(app: FastAPI, dashboard: Path) -> None:
 
     @app.get("/", include_in_schema=False)
     def no_dashboard() -> PlainTextResponse:
-        return PlainTextResponse("plumbline is running. Its dashboard is not built: run `make install`. API: /docs\n")
+        return PlainTextResponse(
+            "plumbline is running. Its dashboard is not built: run `make install`. The API: /openapi.json\n"
+        )

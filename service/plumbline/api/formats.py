@@ -1,9 +1,10 @@
 """Which form a series is asked for in, and its bytes: JSON, CSV, MiniSEED."""
 
+import asyncio
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from enum import StrEnum
 from itertools import pairwise
 from typing import Any, Final
@@ -11,6 +12,7 @@ from urllib.parse import urlencode
 
 import numpy as np
 from fastapi import HTTPException, Request, Response
+from fastapi.responses import StreamingResponse
 
 from plumbline.gps_time import NS_PER_S, unix_ns_from_gps
 from plumbline.store import MotionSeries
@@ -29,6 +31,7 @@ MEDIA_TYPES: Final = {
     Format.CSV: "text/csv; charset=utf-8; header=present",
     Format.MINISEED: "application/vnd.fdsn.mseed",
 }
+PIECE_BYTES: Final = 262_144
 _ACCEPTED: Final = {
     "application/json": Format.JSON,
     "application/*": Format.JSON,
@@ -74,23 +77,33 @@ def _wish(part: str) -> tuple[str, float]:
     return media_type.strip(), 1.0
 
 
-def json_response(body: Mapping[str, Any]) -> Response:
+def response(form: Format, data: bytes, headers: Mapping[str, str]) -> Response:
+    """A series' bytes, a long one piece by piece, so that compressing it does not hold up the live stream."""
+    if not data:
+        return Response(status_code=204)
+    if len(data) <= PIECE_BYTES:
+        return Response(data, 200, dict(headers), MEDIA_TYPES[form])
+
+    async def pieces() -> AsyncIterator[bytes]:
+        for begin in range(0, len(data), PIECE_BYTES):
+            yield data[begin : begin + PIECE_BYTES]
+            await asyncio.sleep(0)
+
+    return StreamingResponse(pieces(), 200, dict(headers), MEDIA_TYPES[form])
+
+
+def json_bytes(body: Mapping[str, Any]) -> bytes:
     """JSON straight from plain values."""
-    return Response(
-        json.dumps(body, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode(),
-        200,
-        None,
-        MEDIA_TYPES[Format.JSON],
-    )
+    return json.dumps(body, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
 
 
-def csv_response(names: Iterable[str], rows: Iterable[Iterable[Any]], headers: Mapping[str, str]) -> Response:
+def csv_bytes(names: Iterable[str], rows: Iterable[Iterable[Any]]) -> bytes:
     """CSV (RFC 4180) with a header line; what is missing is an empty field."""
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(names)
     writer.writerows(rows)
-    return Response(text.getvalue().encode(), 200, dict(headers), MEDIA_TYPES[Format.CSV])
+    return text.getvalue().encode()
 
 
 def link_to_next(request: Request, **changes: str | None) -> dict[str, str]:
@@ -101,7 +114,7 @@ def link_to_next(request: Request, **changes: str | None) -> dict[str, str]:
     return {"Link": f'<{request.url.path}?{query}>; rel="next"'}
 
 
-def miniseed_response(series: MotionSeries) -> Response:
+def miniseed_bytes(series: MotionSeries) -> bytes:
     """Samples as MiniSEED in SI units: displacement (LY*), velocity (LV*), acceleration (LN*); a trace ends at a gap.
 
     SEED has five letters for a station: the id is cut. Times are UTC.
@@ -126,10 +139,10 @@ def miniseed_response(series: MotionSeries) -> Response:
                 }
                 stream.append(Trace(values, header))
     if not len(stream):
-        return Response(status_code=204)
+        return b""
     data = io.BytesIO()
     stream.write(data, format="MSEED", encoding="FLOAT64")
-    return Response(data.getvalue(), 200, None, MEDIA_TYPES[Format.MINISEED])
+    return data.getvalue()
 
 
 def even_runs(series: MotionSeries) -> list[tuple[int, int, int]]:

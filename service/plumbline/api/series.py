@@ -1,5 +1,6 @@
 """/v1/stations/{station}/solutions and /motion: series by time, as JSON, CSV or (samples) MiniSEED."""
 
+import asyncio
 from enum import StrEnum
 from typing import Annotated, Any, Final
 
@@ -9,8 +10,10 @@ from plumbline.api import formats
 from plumbline.api.formats import Format
 from plumbline.api.parts import NOT_FOUND, Cursor, ExistingStation, Limit, Span, StorePart, new_router
 from plumbline.api.schemas import Listing, MotionOut, SolutionOut
-from plumbline.api.views import series_view, solution_view
+from plumbline.api.views import next_start, series_view, solution_view
 from plumbline.gps_time import DAY_NS, NS_PER_S
+from plumbline.records import Solution
+from plumbline.store import MotionSeries, Page
 
 router = new_router("series")
 
@@ -60,12 +63,16 @@ async def get_solutions(
         page = await store.solutions(row.settings.station, span[0], span[1], limit, cursor)
     except ValueError as error:
         raise HTTPException(422, f"query.cursor: {error}") from error
+    data = await asyncio.to_thread(_solution_bytes, page, form)
+    return formats.response(form, data, formats.link_to_next(request, cursor=page.next))
+
+
+def _solution_bytes(page: Page[Solution], form: Format) -> bytes:
     items = [solution_view(solution) for solution in page.items]
     if form is Format.JSON:
-        return formats.json_response({"items": items, "next": page.next})
+        return formats.json_bytes({"items": items, "next": page.next})
     names = [name for name in SolutionOut.model_fields if name != "extras"]
-    link = formats.link_to_next(request, cursor=page.next)
-    return formats.csv_response(names, ([item[name] for name in names] for item in items), link)
+    return formats.csv_bytes(names, ([item[name] for name in names] for item in items))
 
 
 @router.get(
@@ -84,18 +91,22 @@ async def get_motion(
 ) -> Response:
     """Motion of a span. `auto`: samples where `max_points` suffice, else the finest intervals with which they do.
 
-    An explicit resolution gives the first `max_points` points and says in `next_start` where to read on. MiniSEED holds
-    samples in SI units whatever the resolution.
+    An explicit resolution gives the first `max_points` points; `next_start` and the Link header say where to
+    read on. MiniSEED holds samples in SI units whatever the resolution.
     """
     form = formats.choose(request, asked, Format.JSON, Format.CSV, Format.MINISEED)
     bucket_ns = 0 if form is Format.MINISEED else _BUCKET_NS[resolution]
     series = await store.motion(row.settings.station, span[0], span[1], max_points, bucket_ns)
+    data = await asyncio.to_thread(_motion_bytes, series, form)
+    return formats.response(form, data, formats.link_to_next(request, start=next_start(series)))
+
+
+def _motion_bytes(series: MotionSeries, form: Format) -> bytes:
     if form is Format.MINISEED:
-        return formats.miniseed_response(series)
+        return formats.miniseed_bytes(series)
     view = series_view(series)
     if form is Format.JSON:
-        return formats.json_response(view)
+        return formats.json_bytes(view)
     columns: dict[str, Any] = {name: values for name, values in view.items() if isinstance(values, list)}
     del columns["blocks"]
-    link = formats.link_to_next(request, start=view["next_start"])
-    return formats.csv_response(columns, zip(*columns.values(), strict=True), link)
+    return formats.csv_bytes(columns, zip(*columns.values(), strict=True))

@@ -87,6 +87,11 @@ def ecef_of_degrees(latitude_deg: float, longitude_deg: float, height_m: float) 
     return x, y, z
 
 
+def warm_up() -> None:
+    """Load the compiled kernels before the first request waits for them."""
+    degrees_and_height(ecef_of_degrees(0.0, 0.0, 0.0))
+
+
 def unit_of_quantity(quantity: str) -> tuple[float, str]:
     """The factor from SI and the unit in which the API gives a threshold's quantity (unknown: as it is)."""
     unit = QUANTITIES.get(quantity, "")

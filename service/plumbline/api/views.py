@@ -130,12 +130,18 @@ def motion_view(motion: Motion, step: int = 1) -> dict[str, Any]:
     }
 
 
+def next_start(series: MotionSeries) -> str | None:
+    """Where to read on, rounded down to what ISO 8601 carries here, so that the next part misses nothing."""
+    t_gps_ns = series.next_start_gps_ns
+    return None if t_gps_ns is None else iso(t_gps_ns - t_gps_ns % 1000)
+
+
 def series_view(series: MotionSeries) -> dict[str, Any]:
     """A stored series as :class:`schemas.MotionOut`'s fields."""
     view: dict[str, Any] = {
         "station": series.station,
         "bucket_s": series.bucket_ns / NS_PER_S,
-        "next_start": iso_or_none(series.next_start_gps_ns),
+        "next_start": next_start(series),
         "time": iso_all(series.t_gps_ns),
         "count": series.count.tolist(),
         **_columns(series),

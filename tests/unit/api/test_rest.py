@@ -244,8 +244,36 @@ async def test_motion_samples_and_summaries(client, tower, store) -> None:
     table = await client.get(address, params={"resolution": "1min"}, headers={"accept": "text/csv;q=0.9, */*;q=0.1"})
     rows = list(csv.DictReader(io.StringIO(table.text)))
     assert [row["count"] for row in rows] == ["600", "600"]
+    seen, url = 0, f"{address}?format=csv&resolution=samples&max_points=500"
+    while url:
+        table = await client.get(url)
+        seen += len(table.text.splitlines()) - 1
+        url = table.links["next"]["url"] if "next" in table.links else ""
+    assert seen == 1200
     empty = (await client.get(address, params={"start": "2030-01-01T00:00:00Z"})).json()
     assert empty["time"] == []
+
+
+async def test_reading_on_misses_no_sample_between_microseconds(client, tower, store) -> None:
+    await store.write([motion(s, n=3) for s in range(4)])
+    times, start = [], "2026-03-01T12:00:00Z"
+    while start:
+        part = (
+            await client.get(
+                "/v1/stations/tower/motion", params={"resolution": "samples", "max_points": 1, "start": start}
+            )
+        ).json()
+        times += part["time"]
+        start = part["next_start"]
+    assert len(times) == 12
+    assert times[:3] == ["2026-03-01T12:00:00.000Z", "2026-03-01T12:00:00.333333Z", "2026-03-01T12:00:00.666667Z"]
+
+
+async def test_a_long_answer_comes_in_pieces_and_whole(client, tower, store) -> None:
+    await store.write([motion(s, n=100) for s in range(100)])
+    response = await client.get("/v1/stations/tower/motion", params={"max_points": 10_000})
+    assert len(response.content) > 500_000
+    assert len(response.json()["up_mm"]) == 10_000
 
 
 async def test_motion_as_miniseed_is_read_by_obspy(client, tower, store) -> None:
