@@ -89,8 +89,9 @@ def run(request: ProcessRequest, report: Callable[[float], None] = lambda fracti
     pipeline = Pipeline(request.settings, (), books, source=_precise_source(request))
     pipeline.state.description = AntennaDescription(0, antenna_type=_antenna_type(request.obs))
     progress = Progress(report=report)
-    streams: list[Iterable[Event]] = [_observation_events(path, t_near_ns, progress) for path in request.obs]
-    streams += [_correction_events(path, books, t_near_ns) for path in (*request.ssr, *_recordings(request.nav))]
+    corrections = (*request.ssr, *_recordings(request.nav))  # before the observations of the same instant
+    streams: list[Iterable[Event]] = [_correction_events(path, books, t_near_ns) for path in corrections]
+    streams += [_observation_events(path, t_near_ns, progress) for path in request.obs]
     if request.accel:
         streams.append(_inertial_events(request, t_near_ns))
     outputs: list[Output] = []

@@ -19,6 +19,7 @@ from plumbline.signals import N_SATELLITES
 
 N_NODES: Final = 14
 CLOCK_JUMP_S: Final = 1e-9  # change of the clock's rate between neighbouring intervals, times the interval
+CLOCK_END_NS: Final = 1_000_000_000  # a second on, a clock is off by picoseconds
 _HALF: Final = N_NODES // 2
 MAX_SHIFT: Final = 5  # intervals that the window may be off centre: only the outermost interval has none
 _SHIFTS: Final = sorted(range(-MAX_SHIFT, MAX_SHIFT + 1), key=abs)
@@ -190,15 +191,18 @@ def interpolate_orbit(tables: PreciseTables, satellite: int, t_ns: int, position
 
 @njit(cache=True)
 def interpolate_clock(tables: PreciseTables, satellite: int, t_ns: int) -> tuple[float, float, int]:
-    """Clock offset [s], rate [s/s] and status of a satellite id at a GPS time; no relativistic term."""
+    """Clock offset [s], rate [s/s] and status of a satellite id at a GPS time; no relativistic term.
+
+    At the ends the line goes on for ``CLOCK_END_NS``: signals of a file's first epoch left before it.
+    """
     column = tables.clock_column[satellite]
     if column < 0:
         return math.nan, math.nan, 7
     since_ns = t_ns - tables.clock_start_ns
     last = tables.clock_s.shape[0] - 2
-    k = min(since_ns // tables.clock_step_ns, last)
+    k = min(max(since_ns // tables.clock_step_ns, 0), last)
     in_step_ns = since_ns - k * tables.clock_step_ns
-    if since_ns < 0 or in_step_ns > tables.clock_step_ns:
+    if in_step_ns < -CLOCK_END_NS or in_step_ns > tables.clock_step_ns + CLOCK_END_NS:
         return math.nan, math.nan, 8
     left, right = tables.clock_s[k, column], tables.clock_s[k + 1, column]
     if in_step_ns == 0 and not math.isnan(left):
