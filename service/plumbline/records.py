@@ -8,7 +8,7 @@ the station's reference position.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -421,4 +421,49 @@ class StationStatus:
     counters: Mapping[str, int]
 
 
-Output = Solution | Motion | AlertEvent | StationStatus
+class Verdict(IntEnum):
+    """What quality control made of an observation; everything but ACCEPTED means that it was left out."""
+
+    ACCEPTED = 0
+    OUTLIER = 1  # its own error explains the misfit best
+    SLIP = 2  # a phase that came back different: its ambiguity begins anew
+    UNDECIDED = 3  # a phase that is off, by an outlier or a slip: the next epochs tell which
+    INSEPARABLE = 4  # it, or another one that the geometry cannot tell from it
+    SLOW_BIAS = 5  # a bias too small for one epoch, found over a window
+    EPOCH = 6  # the observations contradict each other and none could be named: the whole epoch
+
+
+@dataclass(frozen=True, slots=True)
+class QualityReport:
+    """What an epoch's solution is worth (Lee 2016, section 2.3): its tests, and a row for each observation, (m,).
+
+    ``tests`` names: ``statistic``, ``degrees_of_freedom`` and ``critical_value`` of the global test before anything was
+    left out and, with the suffix ``_after``, of what remained; the same of the ``window``; ``significance``, ``power``,
+    ``w_significance``, ``w_critical``, ``noncentrality``; ``variance_factor`` (posterior over prior).
+    """
+
+    station: str
+    t_gps_ns: int
+    t_receive_ns: int
+    tests: Mapping[str, float]
+    satellite: SatelliteIds
+    is_phase: Booleans
+    signals: SignalIds  # (m, 2) the two that the ionosphere-free combination is made of, −1: none
+    residual_m: Floats  # innovation: measured less predicted
+    sigma_m: Floats  # of the observation
+    redundancy: Floats  # 0: nothing checks it, 1: all of an error shows in its residual
+    mdb_m: Floats  # minimal detectable bias at the power stated
+    w: Floats  # w-test, standard normal without an error
+    external_enu_m: Floats  # (m, 3) what an error of the MDB's size does to the position
+    qdop: Floats  # geometry's share in the observation, 0…1
+    verdict: NDArray[np.int8]  # Verdict
+    hdop: float
+    vdop: float
+    pdop: float
+    protection_horizontal_m: float  # bounds the position error at the integrity risk
+    protection_vertical_m: float
+    integrity_risk: float
+    events: tuple[str, ...] = ()  # what quality control did beyond leaving out, in words
+
+
+Output = Solution | Motion | AlertEvent | StationStatus | QualityReport

@@ -1,0 +1,9 @@
+"""What a solution is worth, and why there is none.
+
+reliability            an epoch's redundancy numbers, MDBs, external reliability, DOPs and protection levels
+report                 them as a record, and as a line of the quality log
+structure_or_receiver  whether a displacement is the structure's or the receiver's
+reference_watch        whether a reference station stands still (CUSUM)
+explain                why epochs have no solution or a poor one, in words to act on
+availability           epochs expected, received, solved, converged, fixed, and the reasons of loss
+"""
