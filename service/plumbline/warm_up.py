@@ -1,17 +1,17 @@
 """Compile every kernel into Numba's cache, so that none compiles at a first epoch: `make install` runs it."""
 
 from plumbline import rtcm3
-from plumbline.fusion import warm_up as fusion
-from plumbline.gnss import warm_up as gnss
-from plumbline.positioning import warm_up as positioning
+from plumbline.fusion.warm_up import warm_up as warm_up_fusion
+from plumbline.gnss.warm_up import warm_up as warm_up_gnss
+from plumbline.positioning.warm_up import warm_up as warm_up_positioning
 
 
 def main() -> None:
     """Warm up every package that has kernels."""
     rtcm3.warm_up()
-    gnss.warm_up()
-    positioning.warm_up()
-    fusion()
+    warm_up_gnss()
+    warm_up_positioning()
+    warm_up_fusion()
 
 
 if __name__ == "__main__":
