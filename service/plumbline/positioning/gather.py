@@ -1,6 +1,7 @@
 """All that an epoch needs before the filter sees it: signal pairs, satellites, the model of what they measure."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -60,18 +61,18 @@ class Site:
     sun_ecef_m: Floats  # (3,)
 
 
-def wanted_rows(epoch: Epoch, systems: str) -> NDArray[np.bool_]:
-    """Rows of the epoch (n,) that belong to the systems asked for."""
-    wanted = np.zeros(len(System) + 1, np.bool_)
+@lru_cache(maxsize=64)
+def _wanted(systems: str) -> NDArray[np.bool_]:
+    """Whether a system number is among RINEX letters, (systems,)."""
+    wanted = np.zeros(len(System), np.bool_)
     for letter in systems:
         wanted[system_of_letter(letter)] = True
-    mask: NDArray[np.bool_] = wanted[epoch.satellite // SATELLITES_PER_SYSTEM]
-    return mask
+    return wanted
 
 
 def select_rows(epoch: Epoch, systems: str) -> Epoch:
     """The epoch with the rows of the systems asked for alone."""
-    keep = wanted_rows(epoch, systems)
+    keep = _wanted(systems)[epoch.satellite // SATELLITES_PER_SYSTEM]
     if keep.all():
         return epoch
     return Epoch(

@@ -12,6 +12,7 @@ import numpy as np
 from plumbline.config import PositioningSettings
 from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET
 from plumbline.positioning import ppp_filter
+from plumbline.positioning.beidou_codes import correct_beidou_codes
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.fall_back import enough, fall_back
 from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
@@ -30,6 +31,7 @@ _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 _SCALE_GAIN: Final = 0.05  # of the phases' usual statistic: a memory of 20 epochs
+_STAY_CONVERGED: Final = 2.0  # once converged, a position stays so up to this multiple of the limit
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
 
 
@@ -110,6 +112,7 @@ def _filter(state: PppState, inputs: Inputs, source: SatelliteSource) -> _Result
     rows = model_of(pairs, inputs.states, site, inputs.facts, state.arcs, mask_rad_of(inputs.settings))
     if not enough(pairs[rows["usable"]]):
         return *fall_back(state, inputs, source), None
+    correct_beidou_codes(pairs, rows)
     tracked = track(state, pairs, rows["sine"], epoch.t_gps_ns, inputs.max_gap_ns)
     keep_wind_up(rows, tracked.state.arcs, tracked.arc_of_pair)
     updated, quality = _update(tracked, rows, inputs)
@@ -135,7 +138,7 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     if dt_s > 0.0:
         ppp_filter.predict_state(p, arcs, dt_s, tuning)
     misclosure_m = ppp_filter.foretell_clocks(x, p, rows, pairs)
-    if np.nanmedian(np.abs(misclosure_m)) > _LOST_M and state.t_gps_ns is not None:
+    if ppp_filter.median_size(misclosure_m) > _LOST_M and state.t_gps_ns is not None:
         return None, None
     ppp_filter.begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
     scale = code_scale(misclosure_m, rows, pairs, tuning)
@@ -162,14 +165,15 @@ def _finish(
     """The solution of an updated filter, and what the state remembers of it."""
     epoch, facts = inputs.epoch, inputs.facts
     sigma_m = float(np.sqrt(np.trace(state.p[POSITION, POSITION])))
-    converged = sigma_m <= inputs.settings.converged_sigma_m
+    limit_m = inputs.settings.converged_sigma_m * (1.0 if state.t_converged_gps_ns is None else _STAY_CONVERGED)
+    converged = sigma_m <= limit_m
     if converged and state.t_converged_gps_ns is None:
         x, y, z = state.x[POSITION].tolist()
         reference = state.reference_position_ecef_m or (x, y, z)
         state = replace(state, t_converged_gps_ns=epoch.t_gps_ns, reference_position_ecef_m=reference)
     seen = np.unique(quality.kind[quality.used] // 2)
-    ages = inputs.states.age_s[seen]
-    age_s = float(np.nanmax(ages)) if np.isfinite(ages).any() else None
+    oldest_s = float(np.fmax.reduce(inputs.states.age_s[seen]))
+    age_s = None if np.isnan(oldest_s) else oldest_s
     extras = {
         "nis": quality.nis,
         "degrees_of_freedom": float(quality.whitened.size),
@@ -179,15 +183,6 @@ def _finish(
     solution = precise_solution(
         epoch, facts, state, Status.PPP_FLOAT if converged else Status.CONVERGING, inputs.missing, int(seen.size),
         letters_of(inputs.pairs["system"][seen]), float(site.troposphere[ZENITH_HYDROSTATIC]), age_s,
-        _pdop(rows[seen], inputs.pairs["system"][seen]), extras,
+        ppp_filter.dilution(rows[seen], inputs.pairs["system"][seen]), extras,
     )  # fmt: skip
     return state, solution, quality
-
-
-def _pdop(rows: Records, system: Ints) -> float | None:
-    """Position dilution of precision of the satellites used, one clock a system."""
-    design = np.concatenate([-rows["line"], (system[:, None] == np.unique(system)[None, :]).astype(float)], axis=1)
-    normal = design.T @ design
-    if np.linalg.cond(normal) > 1e12:
-        return None
-    return float(np.sqrt(np.trace(np.linalg.inv(normal)[:3, :3])))

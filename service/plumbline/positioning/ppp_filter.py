@@ -177,7 +177,7 @@ def _without(s: Floats, v: Floats, use: Booleans) -> tuple[Floats, Floats, Ints]
 
 @njit(cache=True)
 def phase_scale(statistics: Floats, kind: Ints) -> float:
-    """How large the phases' w-statistics are against a standard normal's: robust, from their median; NaN without any."""
+    """How large the phases' w-statistics are against a standard normal's, from their median; NaN without any."""
     sizes = np.abs(statistics[kind % 2 == 1])
     return np.median(sizes) / _NORMAL_MEDIAN if sizes.size > 0 else np.nan
 
@@ -192,10 +192,10 @@ def _limits(kind: Ints, scale: float) -> Floats:
 
 @njit(cache=True)
 def doubt(ratio: float) -> float:
-    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 below ``_DOUBT``, then up.
+    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 up to ``_DOUBT``.
 
-    It grows without bound towards the limit (the IGG III weights of Yang 1999), so that whether an observation lies
-    just below or just above makes no jump in the position.
+    Beyond, it grows without bound towards the limit (the IGG III weights of Yang 1999), so that whether an observation
+    lies just below or just above makes no jump in the position.
     """
     if ratio <= _DOUBT:
         return 1.0
@@ -257,10 +257,39 @@ def update(
 
 
 @njit(cache=True)
-def book_keep(
-    kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats
-) -> NDArray[np.int64]:
-    """After an update: count refused phases and the codes' weight in their arcs. Returns refused rows' pairs' arcs."""
+def dilution(rows: Records, system: NDArray[np.int8]) -> float:
+    """PDOP of satellites (n,) with one clock for each of their systems (n,); NaN where they do not suffice."""
+    columns = np.full(_N_CLOCKS, -1, np.int64)
+    unknowns = _POSITION_AXES
+    for number in system:
+        if columns[number] < 0:
+            columns[number] = unknowns
+            unknowns += 1
+    normal = np.zeros((unknowns, unknowns))
+    for i in range(rows.size):
+        clock = columns[system[i]]
+        normal[clock, clock] += 1.0
+        for a in range(_POSITION_AXES):
+            normal[a, clock] += rows[i].line[a]
+            normal[clock, a] += rows[i].line[a]
+            for b in range(_POSITION_AXES):
+                normal[a, b] += rows[i].line[a] * rows[i].line[b]
+    factor, positive = cholesky_lower(normal)
+    if not positive:
+        return np.nan
+    inverse = lower_inverse(factor)
+    return float(np.sqrt(np.sum(inverse[:, :_POSITION_AXES] ** 2)))
+
+
+@njit(cache=True)
+def median_size(values: Floats) -> float:
+    """Median absolute value, NaN left out."""
+    return float(np.nanmedian(np.abs(values)))
+
+
+@njit(cache=True)
+def book_keep(kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats) -> None:
+    """After an update: count refused phases and the codes' weight in their arcs, in place."""
     for i in range(kind.size):
         pair = kind[i] // 2
         arc = arc_of_pair[pair]
@@ -273,4 +302,3 @@ def book_keep(
             arcs[arc].refused = 0
         else:
             arcs[arc].refused += 1
-    return np.flatnonzero(arcs["refused"] > 0)

@@ -49,6 +49,8 @@ def cause_text(cause: Cause, who: str, ages_s: Sequence[float] = (), limit_s: fl
 
 def missing_systems(systems: str, pairs: Records, states: SatelliteStates) -> str:
     """Why wanted, observed systems do not contribute, or less than half of their satellites do; empty: they all do."""
+    if not states.cause.any():
+        return ""
     texts = []
     for letter in systems:
         system = system_of_letter(letter)

@@ -39,7 +39,8 @@ def displacement_enu_m(position_ecef_m: Floats, reference: Vector3 | None) -> Fl
 
 def letters_of(systems: Floats) -> str:
     """RINEX letters of the systems that occur in an array of system numbers."""
-    return "".join(letter for system, letter in enumerate(SYSTEM_LETTERS) if (systems == system).any())
+    present = set(systems.tolist())
+    return "".join(letter for system, letter in enumerate(SYSTEM_LETTERS) if system in present)
 
 
 def no_position(epoch: Epoch, facts: StationFacts, status: Status, reason: str, n_satellites: int = 0) -> Solution:
