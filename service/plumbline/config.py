@@ -18,6 +18,7 @@ class Mode(StrEnum):
 
     PPP = "ppp"
     PPP_ACCEL = "ppp-accel"
+    RTK = "rtk"  # against a base station's stream
     CORRECTIONS = "corrections"  # not a station: a stream of ephemerides or SSR that others use
 
 
@@ -66,6 +67,26 @@ class PositioningSettings(_Frozen):
     converged_sigma_m: float = Field(0.05, gt=0)  # three-dimensional sigma at which "converging" ends
 
 
+class RtkSettings(_Frozen):
+    """Settings of positioning against a base station. Noise values are one sigma, per receiver."""
+
+    base_stream: StationId | None = None  # the stream that carries the base's observations
+    base_position_ecef_m: Vector3 | None = None  # antenna reference point; None: the stream's 1005/1006
+    moving_base: bool = False  # the base's own position is computed anew at every epoch
+    max_base_age_s: float = Field(10.0, gt=0)  # older base data are not bridged
+    frequencies: int = Field(2, ge=1, le=3)
+    integers: Literal["off", "continuous", "instantaneous"] = "continuous"  # instantaneous: every epoch for itself
+    hold: bool = True  # resolved integers are kept as long as nothing speaks against them
+    partial: bool = True  # where not all integers can be resolved, resolve those that can
+    min_ratio: float = Field(2.0, ge=1)
+    min_success_rate: float = Field(0.999, ge=0, lt=1)
+    ambiguity_memory_s: float = Field(600.0, gt=0)  # time over which the float ambiguities forget
+    code_sigma_m: float = Field(0.30, gt=0)  # at the zenith
+    phase_sigma_m: float = Field(0.002, gt=0)
+    doppler_sigma_m_s: float = Field(0.05, gt=0)
+    position_noise_m_sqrt_s: float | None = Field(None, gt=0)  # of a static antenna; None: kinematic, no memory
+
+
 class FusionSettings(_Frozen):
     """Settings of the multirate filter (Wang 2023, eqs 1-8). Densities are one sigma."""
 
@@ -104,6 +125,7 @@ class StationSettings(_Frozen):
     structure_azimuth_deg: float | None = None  # longitudinal axis, clockwise from north
     device: DeviceSettings = DeviceSettings()
     positioning: PositioningSettings = PositioningSettings()
+    rtk: RtkSettings = RtkSettings()
     fusion: FusionSettings = FusionSettings()
 
 
