@@ -8,6 +8,7 @@ NORMAL ──exceeds──► RISING ──for on_delay──► ACTIVE ──be
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from plumbline.alerts.quantities import in_words, name_in_words
 from plumbline.records import AlertEvent, AlertState, Threshold
 
 
@@ -86,6 +87,7 @@ def _event(
     state: ThresholdState, threshold: Threshold, judged: Judgement, kind: AlertState, t_gps_ns: int
 ) -> AlertEvent:
     verb = "exceeds" if kind is AlertState.ACTIVE else "is back below"
+    quantity = threshold.quantity
     return AlertEvent(
         alert_id=alert_id(threshold.station, threshold.threshold_id, state.t_onset_gps_ns),
         station=threshold.station,
@@ -98,5 +100,6 @@ def _event(
         quantity=threshold.quantity,
         value=judged.value,
         level=threshold.level,
-        text=f"{threshold.quantity} of {threshold.station}: {judged.value:.4g} {verb} {threshold.level:.4g}",
+        text=f"{name_in_words(quantity)} of {threshold.station}: {in_words(quantity, judged.value)} {verb} "
+        f"{in_words(quantity, threshold.level)}",
     )

@@ -41,6 +41,20 @@ QUANTITIES: Final[dict[str, str]] = {
 }
 
 
+def in_words(quantity: str, value: float) -> str:
+    """A value as an alert's text gives it: lengths in millimetres, three digits, with its unit."""
+    unit = QUANTITIES[quantity]
+    if unit.startswith("m"):
+        value, unit = value * 1e3, f"m{unit}"
+    return f"{value:.3g} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
+
+
+def name_in_words(quantity: str) -> str:
+    """``displacement_horizontal`` as "horizontal displacement"."""
+    name, _, component = quantity.rpartition("_")
+    return f"{component} {name.replace('_', ' ')}" if component in _COMPONENTS else quantity.replace("_", " ")
+
+
 @dataclass(frozen=True, slots=True)
 class BlockValues:
     """A quantity's samples in a block, absolute, and the one-sigma uncertainty of its value."""
