@@ -107,6 +107,44 @@ class FusionSettings(_Frozen):
     late_limit_s: float = Field(30.0, gt=0)  # how old a GNSS solution may be applied
 
 
+class InertialSettings(_Frozen):
+    """Settings of the filters that navigate with an IMU (loose and tight). Densities are one sigma, two-sided.
+
+    Body axes are right, forward, up. The defaults are those of a tactical MEMS unit (ADIS16495).
+    """
+
+    rotation_body_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    lever_arms_body_m: tuple[Vector3, ...] = ((0.0, 0.0, 0.0),)  # IMU → phase centre of each antenna
+    inertial_time_offset_s: float = Field(0.0, ge=-10, le=10)  # added to the samples' time stamps
+    accelerometer_noise_m_s2_sqrt_hz: float = Field(1.4e-4, gt=0)
+    gyroscope_noise_rad_s_sqrt_hz: float = Field(2.7e-5, gt=0)
+    accelerometer_bias_sigma_m_s2: float = Field(2.0e-3, gt=0)
+    accelerometer_bias_time_s: float = Field(3600.0, gt=0)
+    gyroscope_bias_sigma_rad_s: float = Field(1.0e-5, gt=0)
+    gyroscope_bias_time_s: float = Field(3600.0, gt=0)
+    initial_accelerometer_bias_sigma_m_s2: float = Field(0.03, gt=0)
+    initial_gyroscope_bias_sigma_rad_s: float = Field(2.0e-3, gt=0)
+    shaking_force_sqrt_s: float = Field(0.0, ge=0)  # times the acceleration, added to its noise: gain and axis errors
+    shaking_rate_sqrt_s: float = Field(0.0, ge=0)  # times the rate, added to the gyroscope's noise
+    gap_acceleration_m_s2_sqrt_hz: float = Field(1.0, gt=0)  # while samples are missing
+    heading_deg: float | None = None  # known heading of the body's forward axis; None: found from the motion
+    heading_sigma_deg: float = Field(1.0, gt=0)  # of a known heading
+    velocity_sigma_m_s: float = Field(0.05, gt=0)  # of a solution's velocity that carries none of its own
+    position_sigma_floor_m: float = Field(0.0, ge=0)
+    phase_sigma_m: float = Field(0.003, gt=0)  # tight: at the zenith, of each antenna
+    code_sigma_m: float = Field(0.5, gt=0)
+    range_rate_sigma_m_s: float = Field(0.05, gt=0)
+    innovation_gate_sigma: float = Field(6.0, gt=0)
+    max_refusals: int = Field(5, ge=1)  # this many in a row, and the filter believes them
+    standstill: Literal["off", "on"] = "on"
+    standstill_window_s: float = Field(0.5, gt=0)
+    standstill_force_sigma_m_s2: float = Field(0.02, gt=0)  # spread of the samples in a window at rest, at most
+    standstill_rate_sigma_rad_s: float = Field(0.002, gt=0)
+    standstill_velocity_sigma_m_s: float = Field(0.005, gt=0)
+    standstill_bias_sigma_rad_s: float = Field(2.0e-4, gt=0)  # of a window's mean rate as the gyroscope's bias
+    late_limit_s: float = Field(5.0, gt=0)  # how old a GNSS measurement may be applied
+
+
 class StationSettings(_Frozen):
     """Everything that a station's pipeline needs to know."""
 

@@ -1,0 +1,177 @@
+"""Samples and measurements in the order of their own times, whatever the order of their arrival.
+
+A filter's state is kept as nodes: the state at a time with everything up to that time applied. A measurement that
+belongs before the last node goes back to the node before it, and everything after is run again. A measurement ahead of
+the samples waits for them. So the outcome is that of inputs in order, as long as nothing is later than the limit.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from plumbline.fusion.inertial_run import ROW_SIZE, advance
+from plumbline.gps_time import NS_PER_S
+from plumbline.records import Floats, Ints
+
+
+class Timed(Protocol):
+    """A measurement that belongs to a time; ``rank`` orders those of one time."""
+
+    @property
+    def t_gps_ns(self) -> int:
+        """When it was taken."""
+        ...
+
+    @property
+    def rank(self) -> int:
+        """Order among measurements of the same time."""
+        ...
+
+
+Extra = TypeVar("Extra")
+Measured = TypeVar("Measured", bound=Timed)
+
+
+@dataclass(frozen=True, slots=True)
+class Node(Generic[Extra]):
+    """The state at a time, everything up to that time applied. Arrays are not to be written to."""
+
+    t_gps_ns: int
+    nav: Floats  # (21,), see plumbline.fusion.strapdown
+    p: Floats  # (n, n), the error state's covariance; the first 15 are the navigation's
+    extra: Extra
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """States at the samples' times; columns in :mod:`plumbline.fusion.inertial_run`."""
+
+    t_gps_ns: Ints  # (n,)
+    values: Floats  # (n, 51)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline(Generic[Measured, Extra]):
+    """What a filter keeps of the last seconds."""
+
+    t_gps_ns: Ints  # (n,) of the samples
+    samples: Floats  # (n, 6) specific force m/s² and rate rad/s, body axes
+    nodes: tuple[Node[Extra], ...] = ()
+    measurements: tuple[Measured, ...] = ()  # by time and rank
+    counters: Mapping[str, int] = field(default_factory=dict)
+
+
+def no_rows() -> Rows:
+    """No rows."""
+    return Rows(np.zeros(0, np.int64), np.zeros((0, ROW_SIZE)))
+
+
+def empty_timeline() -> Timeline[Measured, Extra]:
+    """Before the first sample."""
+    return Timeline(np.zeros(0, np.int64), np.zeros((0, 6)))
+
+
+def counted(timeline: Timeline[Measured, Extra], reason: str, n: int = 1) -> Timeline[Measured, Extra]:
+    """One more (or ``n`` more) inputs not used, for a reason."""
+    if n == 0:
+        return timeline
+    return replace(timeline, counters={**timeline.counters, reason: timeline.counters.get(reason, 0) + n})
+
+
+def add_samples(timeline: Timeline[Measured, Extra], t_gps_ns: Ints, samples: Floats) -> Timeline[Measured, Extra]:
+    """Put samples (n, 6) at the end; those not later than the last, or not finite, are counted and left out."""
+    last = timeline.t_gps_ns[-1] if timeline.t_gps_ns.size else np.iinfo(np.int64).min
+    finite = np.isfinite(samples).all(axis=1)
+    rising = np.maximum.accumulate(np.concatenate([[last], t_gps_ns[:-1]])) < t_gps_ns
+    keep = finite & rising
+    timeline = counted(timeline, "inertial_sample_impossible", int((~finite).sum()))
+    timeline = counted(timeline, "inertial_late_or_repeated", int((finite & ~rising).sum()))
+    return replace(
+        timeline,
+        t_gps_ns=np.concatenate([timeline.t_gps_ns, t_gps_ns[keep]]),
+        samples=np.concatenate([timeline.samples, samples[keep]]),
+    )
+
+
+def add_measurement(timeline: Timeline[Measured, Extra], measurement: Measured) -> Timeline[Measured, Extra]:
+    """Put a measurement in its place, and forget the nodes that it makes wrong; too late, it is counted and left."""
+    t_ns = measurement.t_gps_ns
+    if timeline.nodes and t_ns <= timeline.nodes[0].t_gps_ns:
+        return counted(timeline, "measurement_too_late")
+    key = (t_ns, measurement.rank)
+    if any((m.t_gps_ns, m.rank) == key for m in timeline.measurements):
+        return counted(timeline, "measurement_repeated")
+    measurements = tuple(sorted((*timeline.measurements, measurement), key=lambda m: (m.t_gps_ns, m.rank)))
+    nodes = tuple(node for node in timeline.nodes if node.t_gps_ns < t_ns)
+    return replace(timeline, measurements=measurements, nodes=nodes)
+
+
+def run(
+    timeline: Timeline[Measured, Extra],
+    noise: Floats,
+    local: bool,
+    update: Callable[[Node[Extra], Measured, Floats], Node[Extra]],
+    late_limit_s: float,
+) -> tuple[Timeline[Measured, Extra], Rows]:
+    """Run from the last node to the last sample; ``update`` gets the node, the measurement and the rate (3,) there.
+
+    Returns also the rows of all samples passed. Wants at least one node.
+    """
+    if not timeline.nodes or not timeline.t_gps_ns.size:
+        return timeline, no_rows()
+    end_ns, start_ns = int(timeline.t_gps_ns[-1]), timeline.nodes[-1].t_gps_ns
+    due = [m for m in timeline.measurements if start_ns < m.t_gps_ns <= end_ns]
+    nodes = list(timeline.nodes)
+    parts: list[Rows] = []
+    for measurement in due:
+        if measurement.t_gps_ns > nodes[-1].t_gps_ns:
+            nodes.append(_advanced(timeline, nodes[-1], measurement.t_gps_ns, noise, local, parts))
+        nodes[-1] = update(nodes[-1], measurement, _rate_at(timeline, measurement.t_gps_ns))
+    if nodes[-1].t_gps_ns < end_ns:
+        nodes.append(_advanced(timeline, nodes[-1], end_ns, noise, local, parts))
+    done = _trimmed(replace(timeline, nodes=tuple(nodes)), end_ns - round(late_limit_s * NS_PER_S))
+    if not parts:
+        return done, no_rows()
+    return done, Rows(np.concatenate([r.t_gps_ns for r in parts]), np.concatenate([r.values for r in parts]))
+
+
+def _advanced(
+    timeline: Timeline[Measured, Extra], node: Node[Extra], to_ns: int, noise: Floats, local: bool, parts: list[Rows]
+) -> Node[Extra]:
+    """The node's state at a later time; the rows of the samples passed are appended to ``parts``."""
+    first = max(int(np.searchsorted(timeline.t_gps_ns, node.t_gps_ns + 1)) - 2, 0)
+    last = int(np.searchsorted(timeline.t_gps_ns, to_ns)) + 1
+    t_ns, samples = timeline.t_gps_ns[first:last], timeline.samples[first:last]
+    nav, p = node.nav.copy(), node.p.copy()
+    row_t, rows = np.empty(t_ns.size, np.int64), np.empty((t_ns.size, ROW_SIZE))
+    n = advance(nav, p, node.t_gps_ns, to_ns, t_ns, samples, noise, local, row_t, rows)
+    parts.append(Rows(row_t[:n], rows[:n]))
+    return Node(to_ns, nav, p, node.extra)
+
+
+def _rate_at(timeline: Timeline[Measured, Extra], t_ns: int) -> Floats:
+    """Measured angular rate (3,) at a time, linear between samples."""
+    index = min(int(np.searchsorted(timeline.t_gps_ns, t_ns)), timeline.t_gps_ns.size - 1)
+    if index == 0:
+        return timeline.samples[0, 3:6].copy()
+    t0, t1 = int(timeline.t_gps_ns[index - 1]), int(timeline.t_gps_ns[index])
+    share = (t_ns - t0) / (t1 - t0)
+    rate: Floats = (1.0 - share) * timeline.samples[index - 1, 3:6] + share * timeline.samples[index, 3:6]
+    return rate
+
+
+def _trimmed(timeline: Timeline[Measured, Extra], oldest_ns: int) -> Timeline[Measured, Extra]:
+    """Forget what no measurement within the limit can change."""
+    keep = max(sum(node.t_gps_ns <= oldest_ns for node in timeline.nodes) - 1, 0)
+    nodes = timeline.nodes[keep:]
+    start_ns = nodes[0].t_gps_ns
+    first = max(int(np.searchsorted(timeline.t_gps_ns, start_ns)) - 2, 0)
+    return replace(
+        timeline,
+        t_gps_ns=timeline.t_gps_ns[first:],
+        samples=timeline.samples[first:],
+        nodes=nodes,
+        measurements=tuple(m for m in timeline.measurements if m.t_gps_ns > start_ns),
+    )
