@@ -130,6 +130,9 @@ def row(solution: Solution) -> tuple[object, ...]:
     )
 
 
+QUIET_S = 2.0  # the last epoch of a stream closes by its deadline
+
+
 def all_consumed(data_dir: Path) -> bool:
     """Whether the stored checkpoints of all stations have consumed all that is archived."""
     archive = Archive(data_dir / "archive", writable=False)
@@ -176,6 +179,7 @@ def test_killed_workers_leave_no_mark(serve: Callable, device: type, data_dir: P
 
     asyncio.run(play())
     server.wait_for(lambda: all_consumed(server.data_dir))
+    time.sleep(QUIET_S)
     assert server.stop() == 0, server.log
     assert server.log.count("ended with -9") == 3
     assert_equals_replay(server.data_dir, least_rows=2500)
@@ -194,6 +198,7 @@ def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_
     server = serve(CONFIG.format(extra=""))
     asyncio.run(send(device, server.ingest_port, packets, 300, PACKETS))
     server.wait_for(lambda: all_consumed(server.data_dir))
+    time.sleep(QUIET_S)
     assert server.stop() == 0, server.log
     assert_equals_replay(server.data_dir, least_rows=2500)
 
@@ -231,6 +236,7 @@ def test_killed_store_gets_what_it_missed(serve: Callable, device: type, data_di
 
     store = asyncio.run(play())
     ingest.wait_for(lambda: all_consumed(ingest.data_dir))
+    time.sleep(QUIET_S)
     assert worker.stop() == 0, worker.log
     assert store.stop() == 0, store.log
     assert ingest.stop() == 0, ingest.log

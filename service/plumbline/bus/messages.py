@@ -160,7 +160,10 @@ def encode_configs(configs: Sequence[StationConfig]) -> bytes:
 
 def decode_configs(data: bytes) -> tuple[StationConfig, ...]:
     """Inverse of :func:`encode_configs`; raises ``ValueError`` for anything else."""
-    return tuple(_config(*fields) for fields in codec.decode(data))
+    try:
+        return tuple(_config(*fields) for fields in codec.decode(data))
+    except TypeError as error:
+        raise ValueError(f"not a list of stations: {error}") from error
 
 
 def _config(

@@ -126,7 +126,7 @@ class Merger:
             self._clock_ns[chunk.archive] = chunk.t_receive_ns
 
     def tick(self, tick: Tick) -> None:
-        """An ingest's clock; the answer of a new generation is that its streams are fetched again."""
+        """An ingest's clock; a new generation has its streams fetched again."""
         if tick.archive not in self._clock_ns:
             return
         known = self._generation.setdefault(tick.archive, tick.generation)
@@ -139,6 +139,8 @@ class Merger:
         """What the archive has answered for one of :meth:`wanted`, asked from its ``next_offset``, else ``last_ns``."""
         if self._cursors.get(cursor.key) is not cursor or cursor.live:
             return
+        if cursor.archive in self._clock_ns:
+            self._generation.setdefault(cursor.archive, reply.generation)
         if cursor.next_offset is None:
             first = reply.chunks[0].offset if reply.chunks else reply.end
             cursor.next_offset = cursor.consumed_offset = first
