@@ -3,7 +3,7 @@
 The multiple-message bit (DF393) that should mark the last message of an epoch is set wrongly by some receivers and
 never cleared by others, so it is one sign of several. An epoch closes when
 
-* every message that the last epochs had is in (as often as they had it), or
+* every message that the last epochs had is in, as often as they had it or with the bit set at last, or
 * nothing is known yet of what to expect and the bit says that this was the last, or
 * its deadline has passed, counted from the receive time of its first message: a constellation is late or gone, or
 * a later epoch closes, or two later ones have begun.
@@ -157,11 +157,15 @@ class EpochAssembler:
         return expected
 
     def _close_complete(self, t_gps_ns: int) -> list[Epoch]:
-        epoch, expected = self._open[t_gps_ns], self._expected()
-        if expected <= epoch.numbers() if expected else epoch.last_by_bit:
+        if self._is_complete(self._open[t_gps_ns]):
             return self._close_up_to(t_gps_ns)
         later = sorted(t for t in self._open if t > min(self._open))
         return self._close_up_to(min(self._open)) if len(later) >= 2 else []
+
+    def _is_complete(self, epoch: _OpenEpoch) -> bool:
+        """Every system is in, as often as before or, where their number of messages varies, by the bit's word."""
+        expected, numbers = self._expected(), epoch.numbers()
+        return set(expected) <= set(numbers) and (epoch.last_by_bit or (bool(expected) and expected <= numbers))
 
     def _close_up_to(self, t_gps_ns: int) -> list[Epoch]:
         closing = sorted(t for t in self._open if t <= t_gps_ns)

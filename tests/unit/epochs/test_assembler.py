@@ -118,6 +118,15 @@ def test_a_constellation_in_two_messages_is_one_epoch() -> None:
     assert [s % 64 + 1 for s in epoch.satellite] == [1, 2, 3, 4]
 
 
+def test_a_constellation_that_fits_one_message_again_does_not_wait_for_a_second() -> None:
+    assembler = EpochAssembler(DEADLINE)
+    t = T0
+    parts = [(msm(System.GPS, t, True, (1, 2)), t, t), (msm(System.GPS, t, True, (3,)), t, t)]
+    feed(assembler, *parts, (msm(System.GALILEO, t, False), t, t))
+    assert [e.satellite.size for e in feed(assembler, *second(1, *GPS_GAL))] == [4]
+    assert not assembler.counters
+
+
 def test_one_broken_clock_field_leaves_no_mark() -> None:
     assembler = EpochAssembler(DEADLINE)
     broken = (msm(System.BEIDOU, T0, True, code="2I"), T0 + 40_000 * NS_PER_S, T0 + 3 * NS_PER_S)
