@@ -11,11 +11,10 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from plumbline.constants import LIGHT_MILLISECOND_M
 from plumbline.positioning.state import ARC_DTYPE, Records
-from plumbline.records import Booleans, Floats, Ints
+from plumbline.records import Floats, Ints
 
 _PHASE_SIGMA_M: Final = 0.002  # of one phase at the zenith, for the geometry-free test
 _IONOSPHERE_M_S: Final = 0.0007  # unforeseen geometry-free rate at the zenith: 0.4 TECU a minute
@@ -106,7 +105,7 @@ def _begin(arc, pair, t_ns: int, phase_minus_code_m: float) -> None:  # type: ig
 
 
 @njit(cache=True)
-def _merge(arcs, pairs, sine, t_ns, max_gap_ns, phase_jump_m, out, previous, arc_of_pair):  # type: ignore[no-untyped-def]
+def _merge(arcs, pairs, sine, t_ns, max_gap_ns, out, previous, arc_of_pair):  # type: ignore[no-untyped-def]
     """Merge old arcs and this epoch's pairs, both ordered by satellite, into ``out``; returns how many there are."""
     made, old = 0, 0
     for i in range(pairs.size + 1):
@@ -124,7 +123,7 @@ def _merge(arcs, pairs, sine, t_ns, max_gap_ns, phase_jump_m, out, previous, arc
         same = old < arcs.size and arcs[old].satellite == pair.satellite
         if np.isnan(pair.phase_m):
             continue
-        phase_minus_code_m = pair.phase_m + phase_jump_m - pair.code_m
+        phase_minus_code_m = pair.phase_m - pair.code_m
         dt_s = (t_ns - arcs[old].t_last_ns) * 1e-9 if same else 0.0
         sine_i = max(sine[i], _LOWEST_SINE)
         keep = same and 0.0 < dt_s <= max_gap_ns * 1e-9
@@ -142,23 +141,17 @@ def _merge(arcs, pairs, sine, t_ns, max_gap_ns, phase_jump_m, out, previous, arc
 
 
 def update_arcs(
-    arcs: Records, pairs: Records, sine_elevation: Floats, t_gps_ns: int, max_gap_ns: int, phase_jump_m: float
+    arcs: Records, pairs: Records, sine_elevation: Floats, t_gps_ns: int, max_gap_ns: int
 ) -> tuple[Records, Ints, Ints]:
     """Arcs after this epoch.
 
-    ``sine_elevation`` (n,) of the pairs (NaN: not known, taken as low); ``phase_jump_m`` is added to their phases.
-    Returns the new arcs (k,), for each the index of the old arc whose ambiguity it carries on (−1: a new ambiguity),
-    and for each pair the index of its arc (−1: no phase).
+    ``sine_elevation`` (n,) of the pairs (NaN: not known, taken as low). Returns the new arcs (k,), for each the index
+    of the old arc whose ambiguity it carries on (−1: a new ambiguity), and for each pair the index of its arc (−1: no
+    phase).
     """
     room = arcs.size + pairs.size
     out, previous = np.zeros(room, ARC_DTYPE), np.empty(room, np.int64)
     arc_of_pair = np.empty(pairs.size, np.int64)
     sine = np.where(np.isnan(sine_elevation), _LOWEST_SINE, sine_elevation)
-    made = _merge(arcs, pairs, sine, t_gps_ns, max_gap_ns, phase_jump_m, out, previous, arc_of_pair)
+    made = _merge(arcs, pairs, sine, t_gps_ns, max_gap_ns, out, previous, arc_of_pair)
     return out[:made], previous[:made], arc_of_pair
-
-
-def slipped(previous: Ints, arcs: Records, old: Records) -> Booleans:
-    """Which arcs (k,) began anew although their satellite had one before."""
-    was: NDArray[np.bool_] = np.isin(arcs["satellite"], old["satellite"])
-    return (previous < 0) & was

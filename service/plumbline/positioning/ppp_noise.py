@@ -26,6 +26,8 @@ _GALILEO: Final = int(System.GALILEO)
 _BEIDOU: Final = int(System.BEIDOU)
 _SBAS: Final = int(System.SBAS)
 _LOWEST_SINE: Final = 0.03
+_NORMAL_MEDIAN: Final = 0.6745  # median of a standard normal's absolute value
+_CHANCE: Final = 1.3  # the median of a dozen and a half draws is larger by that only now and then
 
 
 class Tuning(NamedTuple):
@@ -110,7 +112,7 @@ def code_scale(misclosure_m: Floats, rows: Records, pairs: Records, tuning: Tuni
         if rows[i].usable:
             white = _factor(pairs[i], rows[i].sine, tuning) * tuning.code_sigma_m
             ratio[i] = abs(misclosure_m[i]) / np.sqrt(white**2 + _bias_sigma_m(pairs[i], tuning) ** 2)
-    scale = np.nanmedian(ratio) / 0.6745
+    scale = np.nanmedian(ratio) / (_NORMAL_MEDIAN * _CHANCE)
     return scale if scale > 1.0 else 1.0
 
 

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from plumbline.constants import SPEED_OF_LIGHT_M_S
 from plumbline.positioning.cycle_slip import code_only_clock_jump_m, update_arcs
 from plumbline.positioning.ppp_filter import carry_over
 from plumbline.positioning.state import PppState, Records
@@ -29,13 +30,14 @@ def track(state: PppState, pairs: Records, sine_elevation: Floats, t_gps_ns: int
     the codes alone are added to the pairs' phases, in place.
     """
     jump_m = state.phase_jump_m + code_only_clock_jump_m(pairs, state.arcs, state.phase_jump_m)
-    arcs, previous, arc_of_pair = update_arcs(state.arcs, pairs, sine_elevation, t_gps_ns, max_gap_ns, jump_m)
+    pairs["phase_m"] += jump_m
+    pairs["wide_lane_cycles"] += jump_m * (pairs["frequency_1_hz"] - pairs["frequency_2_hz"]) / SPEED_OF_LIGHT_M_S
+    arcs, previous, arc_of_pair = update_arcs(state.arcs, pairs, sine_elevation, t_gps_ns, max_gap_ns)
     previous[arcs["refused"] >= _REFUSED_LIMIT] = -1
     new = previous < 0
     arcs["estimated"][new] = False
     arcs["refused"][new] = 0
     arcs["code_weight_m2"][new] = 0.0
-    pairs["phase_m"] += jump_m
     x, p = carry_over(state.x, state.p, previous)
     state = replace(state, x=x, p=p, arcs=arcs, phase_jump_m=jump_m, t_last_epoch_ns=t_gps_ns)
     return Tracked(state, arc_of_pair, int(np.count_nonzero(new)))
