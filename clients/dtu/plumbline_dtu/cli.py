@@ -72,6 +72,7 @@ def add_device_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--heartbeat", default="", help="bytes sent between frames")
     parser.add_argument("--heartbeat-interval", type=float, default=30.0, metavar="S")
     parser.add_argument("--largest-segment", type=int, default=1021, metavar="BYTES")
+    parser.add_argument("--give-up", type=float, metavar="S", help="end with an error after S without a connection")
     parser.add_argument("--tls", action="store_true")
     parser.add_argument("--tls-ca", metavar="FILE", help="authority to trust instead of the system's")
     parser.add_argument("--tls-insecure", action="store_true", help="do not check the server's certificate")
@@ -88,6 +89,7 @@ def device_options(parsed: argparse.Namespace) -> DeviceOptions:
         heartbeat_interval_s=parsed.heartbeat_interval,
         prefix_packets=parsed.prefix_packets,
         largest_segment=max(parsed.largest_segment, 2),
+        give_up_s=parsed.give_up,
         tls=tls_context(parsed.tls_ca, parsed.tls_insecure) if parsed.tls else None,
     )
 

@@ -154,15 +154,13 @@ async def _run(
     """Simulate until the time is over, a signal comes, or the server ends."""
     simulation = asyncio.create_task(run_live(scenario, options, duration_s))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, simulation.cancel)
-    try:
-        while server.poll() is None and not simulation.done():
-            await asyncio.wait({simulation}, timeout=0.2)
-        if server.poll() is not None:
-            raise PlumblineError(f"the server ended with code {server.returncode}")
-    finally:
+    while not simulation.done() and server.poll() is None:
+        await asyncio.wait({simulation}, timeout=0.5)
+    if server.poll() is not None:
         simulation.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await simulation
+        raise PlumblineError(f"the server ended with code {server.returncode}")
+    with contextlib.suppress(asyncio.CancelledError):
+        await simulation
 
 
 @contextlib.contextmanager

@@ -5,13 +5,18 @@ import contextlib
 import random
 import re
 import ssl
+import time
 from collections import deque
 from dataclasses import dataclass, field
 
-from plumbline.errors import ConfigurationError
+from plumbline.errors import ConfigurationError, PlumblineError
 
 _FIRST_BACK_OFF_S = 0.5
 _LONGEST_BACK_OFF_S = 30.0
+
+
+class DeviceError(PlumblineError):
+    """A device cannot reach its server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +33,7 @@ class DeviceOptions:
     buffer_bytes: int = 1 << 20  # what a modem keeps while it has no network; the oldest is lost
     tls: ssl.SSLContext | None = None
     connect_timeout_s: float = 10.0
+    give_up_s: float | None = None  # without a connection for so long, :meth:`Device.run` raises; None: never
 
 
 @dataclass(slots=True)
@@ -76,15 +82,21 @@ class Device:
         self._wake.set()
 
     async def run(self) -> None:
-        """Connect, send, reconnect with exponential back-off and jitter, until closed and drained."""
+        """Connect, send, reconnect with exponential back-off and jitter, until closed and drained.
+
+        Raises DeviceError when ``give_up_s`` is over.
+        """
         failures = 0
+        last = time.monotonic()
         while not (self._closed and not self._queue):
             try:
                 async with asyncio.timeout(self.options.connect_timeout_s):
                     reader, writer = await asyncio.open_connection(
                         self.options.host, self.options.port, ssl=self.options.tls, limit=1 << 16
                     )
-            except (OSError, TimeoutError):
+            except (OSError, TimeoutError) as error:
+                if self.options.give_up_s is not None and time.monotonic() - last > self.options.give_up_s:
+                    raise DeviceError(f"no connection to {self.options.host}:{self.options.port}: {error}") from error
                 failures += 1
                 longest = min(_FIRST_BACK_OFF_S * 2**failures, _LONGEST_BACK_OFF_S)
                 await asyncio.sleep(self._random.uniform(0.5, 1.0) * longest)
@@ -92,6 +104,7 @@ class Device:
             sent_before = self.counters.sent_bytes
             with contextlib.suppress(OSError):
                 await self._serve(reader, writer)
+            last = time.monotonic()
             failures = 0 if self.counters.sent_bytes > sent_before else failures + 1
             if not self._closed:
                 await asyncio.sleep(self._random.uniform(0.2, 1.0) * _FIRST_BACK_OFF_S)

@@ -45,7 +45,15 @@ async def play(replay: Replay, on_progress: Callable[[int, int], None] | None = 
     runs = [asyncio.create_task(device.run()) for device in devices.values()]
     try:
         await _wait_for_alignment(replay, pieces)
-        await _send(replay, pieces, lambda name: devices[names[0] if shared else name], on_progress)
+        sending = asyncio.create_task(
+            _send(replay, pieces, lambda name: devices[names[0] if shared else name], on_progress)
+        )
+        await asyncio.wait({sending, *runs}, return_when=asyncio.FIRST_COMPLETED)
+        for run in runs:
+            if run.done():  # it gave up
+                sending.cancel()
+                run.result()
+        await sending
         for device in devices.values():
             device.close()
         await asyncio.gather(*runs)

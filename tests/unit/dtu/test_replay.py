@@ -10,7 +10,7 @@ from tests.unit.dtu.frames import inertial, msm
 
 from plumbline.errors import ConfigurationError
 from plumbline.signals import System
-from plumbline_dtu.device import Device, DeviceOptions, bytes_of, parse_address
+from plumbline_dtu.device import Device, DeviceError, DeviceOptions, bytes_of, parse_address
 from plumbline_dtu.replay import Replay, play
 
 Connections = list[bytearray]
@@ -103,6 +103,15 @@ async def test_buffer_loses_the_oldest() -> None:
     for _ in range(5):
         device.send(b"x" * 40)
     assert device.counters.lost_bytes == 120
+
+
+async def test_a_replay_gives_up_if_told_to(tmp_path: Path) -> None:
+    """Oracle: nobody listens on the port; without the option a device would try for ever."""
+    (tmp_path / "a").write_bytes(msm(System.GPS, 0))
+    options = DeviceOptions("127.0.0.1", 1, give_up_s=0.0)
+    async with asyncio.timeout(20):
+        with pytest.raises(DeviceError, match="no connection"):
+            await play(Replay([("a", tmp_path / "a")], options, speed=0.0))
 
 
 async def test_replay_keeps_pace_and_order(tmp_path: Path) -> None:
