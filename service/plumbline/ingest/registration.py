@@ -148,6 +148,7 @@ class Registrar:
                 escape(mount.encode("latin-1")[:IDENTITY_BYTES]),
                 b"ERROR - Mount Point Taken or Invalid\r\n",
             )
+        mount = mount.lstrip("/")
         if not all(tokens_agree(password.encode("latin-1"), station.device.token) for station in stations):
             return Refused("bad_token", mount, b"ERROR - Bad Password\r\n")
         return Admitted(stations, "ntrip1", mount, rest, b"ICY 200 OK\r\n\r\n")
