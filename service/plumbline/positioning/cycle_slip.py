@@ -19,7 +19,7 @@ from plumbline.records import Floats, Ints
 _PHASE_SIGMA_M: Final = 0.002  # of one phase at the zenith, for the geometry-free test
 _IONOSPHERE_M_S: Final = 0.0007  # unforeseen geometry-free rate at the zenith: 0.4 TECU a minute
 _IONOSPHERE_FIRST_M_S: Final = 0.002  # the same when no rate is known yet
-_WIDE_LANE_SIGMA_CYCLES: Final = 0.25  # of Melbourne-Wübbena at the zenith: 0.3 m of code
+_WIDE_LANE_SIGMA_CYCLES: Final = 0.2  # of Melbourne-Wübbena at the zenith: 0.25 m of code
 _FACTOR: Final = 4.0  # thresholds in standard deviations
 _RATE_TIME_CONSTANT_S: Final = 30.0
 _WIDE_LANE_MEMORY: Final = 500  # epochs after which the mean forgets
