@@ -246,8 +246,6 @@ class _Service:
     def _write(self, t_gps_ns: int, file: BinaryIO) -> None:
         for ephemeris in self.ephemerides.due(t_gps_ns):
             file.write(ephemeris_frame(ephemeris))
-        if t_gps_ns <= self.tables.clock_start_ns:
-            return  # what arrives now was sent before the products begin
         current = self.ephemerides.current(t_gps_ns)
         header = SsrHeader(t_gps_ns, t_gps_ns, float(self.interval_s) if self.interval_s > 1 else 0.0, 0, 0, 0)
         for system in System:
