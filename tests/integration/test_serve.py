@@ -52,7 +52,7 @@ def test_from_an_unknown_device_to_its_positions(serve: Callable, device: type, 
     async def play() -> list[dict]:
         seen: list[dict] = []
         async with websockets.connect(f"{server.http.replace('http', 'ws')}/v1/stream") as stream:
-            subscribe = {"type": "subscribe", "stations": ["adopted"], "channels": ["solution"]}
+            subscribe = {"action": "subscribe", "stations": ["adopted"], "channels": ["solution"]}
             await stream.send(json.dumps(subscribe))
             async with device(server.ingest_port, caller["identity"].encode()) as one:
                 await one.send(recording)
