@@ -120,35 +120,26 @@ def w_statistics(inverse_factor: Floats, white: Floats) -> Floats:
 def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
     """Update ``x`` and ``p`` in place by one observation (``h`` (n,), innovation ``v`` at the current ``x``), Joseph.
 
-    Returns the innovation's variance. ``(1 − k h) p (1 − k h)ᵀ + r k kᵀ`` is formed product by product.
+    Returns the innovation's variance. ``(1 − k h) p (1 − k h)ᵀ + r k kᵀ`` is formed in one pass over ``p`` as
+    ``p − k (h p) − (p h − k (h p h)) kᵀ + r k kᵀ``: the whole quadratic form in the gain, so that an error of the gain
+    enters squared. Symmetric to rounding.
     """
     n = x.size
-    used = np.flatnonzero(h)
-    gain = np.zeros(n)
-    for j in used:
-        for k in range(n):
-            gain[k] += p[k, j] * h[j]
-    variance = r
-    for j in used:
-        variance += h[j] * gain[j]
-    hp = gain.copy()
-    for k in range(n):
-        gain[k] /= variance
-        x[k] += gain[k] * v
-    for i in range(n):  # a = (1 − k h) p
-        if gain[i] != 0.0:
+    hp, variance = np.zeros(n), r
+    for j in range(n):
+        if h[j] != 0.0:
             for k in range(n):
-                p[i, k] -= gain[i] * hp[k]
-    for i in range(n):  # a (1 − k h)ᵀ + r k kᵀ
-        ah = 0.0
-        for j in used:
-            ah += p[i, j] * h[j]
-        hp[i] = ah
+                hp[k] += h[j] * p[j, k]
+    for j in range(n):
+        variance += h[j] * hp[j]
+    gain = hp / variance
+    hph = variance - r
     for i in range(n):
-        for k in range(i + 1):
-            value = p[i, k] - hp[i] * gain[k] + r * gain[i] * gain[k]
-            p[i, k] = value
-            p[k, i] = value
+        x[i] += gain[i] * v
+        if hp[i] != 0.0:
+            left, right = -gain[i], r * gain[i] - (hp[i] - gain[i] * hph)
+            for k in range(n):
+                p[i, k] += left * hp[k] + right * gain[k]
     return variance
 
 
@@ -156,10 +147,14 @@ def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
 def update_sequential(x: Floats, p: Floats, h: Floats, r: Floats, v: Floats, use: NDArray[np.bool_]) -> None:
     """Update ``x`` and ``p`` in place by the observations marked in ``use``; ``v`` belongs to the ``x`` given."""
     start = x.copy()
+    n = x.size
     for i in range(v.size):
         if use[i]:
             moved = 0.0
-            for j in range(x.size):
-                if h[i, j] != 0.0:
-                    moved += h[i, j] * (x[j] - start[j])
+            for j in range(n):
+                moved += h[i, j] * (x[j] - start[j])
             update_scalar(x, p, h[i], r[i], v[i] - moved)
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (p[i, j] + p[j, i])
+            p[i, j], p[j, i] = mean, mean

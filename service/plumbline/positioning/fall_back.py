@@ -17,7 +17,7 @@ MIN_SATELLITES = 4  # and one more for every system beyond the first
 
 def enough(pairs: Records) -> bool:
     """Whether pairs can give a position and a clock for each of their systems."""
-    return bool(pairs.size >= MIN_SATELLITES - 1 + np.unique(pairs["system"]).size)
+    return bool(pairs.size >= MIN_SATELLITES - 1 + len(set(pairs["system"].tolist())))
 
 
 def fall_back(state: PppState, inputs: Inputs, source: SatelliteSource) -> tuple[PppState, Solution]:

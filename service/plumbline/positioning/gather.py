@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from plumbline.config import PositioningSettings
 from plumbline.constants import SPEED_OF_LIGHT_M_S
 from plumbline.gnss.earth_frames import geodetic_from_ecef, rotation_enu_from_ecef
-from plumbline.gnss.line_of_sight import line_of_sight_model
 from plumbline.gnss.orbits_broadcast import SatelliteStates as KernelStates
 from plumbline.gnss.sun_moon import sun_moon_ecef
 from plumbline.gnss.tides import ocean_loading_enu_m, solid_earth_tide_ecef_m
 from plumbline.gnss.troposphere import troposphere_site
 from plumbline.gps_time import gps_minus_utc_s
 from plumbline.positioning.facts import StationFacts
-from plumbline.positioning.ppp_model import antenna_bands, combine, previous_wind_up
+from plumbline.positioning.ppp_model import model_rows
 from plumbline.positioning.ppp_noise import Tuning
 from plumbline.positioning.preprocess import signal_pairs
 from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
@@ -26,7 +25,6 @@ from plumbline.positioning.state import Records
 from plumbline.records import UNKNOWN_CHANNEL, Epoch, Floats
 from plumbline.signals import SATELLITES_PER_SYSTEM, System, system_of_letter
 
-_STANDING: Final = np.zeros(3)
 _CODE_SIGMA_M: Final = 1.0  # of an ionosphere-free code at the zenith
 _ONE_FREQUENCY_SIGMA_M: Final = 6.0  # the ionosphere is not modelled
 _UNKNOWN_BIAS_SIGMA_M: Final = 2.0
@@ -118,11 +116,11 @@ def model_of(
         states.position_ecef_m, states.velocity_ecef_m_s, states.clock_m / SPEED_OF_LIGHT_M_S, np.zeros(n), np.zeros(n),
         states.cause.astype(np.int64),
     )  # fmt: skip
-    sight = line_of_sight_model(
-        kernel_states, states.satellite, antenna_bands(pairs), site.reference_point_ecef_m, _STANDING, site.troposphere,
-        site.sun_ecef_m, previous_wind_up(pairs, arcs), facts.antennas, states.centre_of_mass,
+    rows: Records = model_rows(
+        kernel_states, pairs, arcs, states.clock_m, site.reference_point_ecef_m, site.troposphere, site.sun_ecef_m,
+        facts.antennas, states.centre_of_mass, mask_rad,
     )  # fmt: skip
-    return combine(sight, pairs, states.clock_m, mask_rad)
+    return rows
 
 
 def point_of(pairs: Records, states: SatelliteStates, start_ecef_m: Floats | None) -> PointSolution | None:

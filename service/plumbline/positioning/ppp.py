@@ -17,7 +17,7 @@ from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.fall_back import enough, fall_back
 from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
 from plumbline.positioning.ppp_model import keep_wind_up
-from plumbline.positioning.ppp_noise import code_scale, tuning_of, variances
+from plumbline.positioning.ppp_noise import tuning_of
 from plumbline.positioning.reasons import missing_systems
 from plumbline.positioning.satellites import Cause, SatelliteSource
 from plumbline.positioning.solutions import letters_of, no_position, precise_solution, rotation_at
@@ -132,28 +132,20 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
 
     Both are None where the codes show that the position is wrong altogether.
     """
-    state, pairs, arc_of_pair, tuning = tracked.state, inputs.pairs, tracked.arc_of_pair, inputs.tuning
+    state = tracked.state
     x, p, arcs = state.x.copy(), state.p.copy(), state.arcs.copy()
     dt_s = 0.0 if state.t_gps_ns is None else (inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS
-    if dt_s > 0.0:
-        ppp_filter.predict_state(p, arcs, dt_s, tuning)
-    misclosure_m = ppp_filter.foretell_clocks(x, p, rows, pairs)
-    if ppp_filter.median_size(misclosure_m) > _LOST_M and state.t_gps_ns is not None:
+    outcome, h, v, r, kind, used, whitened, scale_now = ppp_filter.advance(
+        x, p, arcs, rows, inputs.pairs, tracked.arc_of_pair, dt_s, state.phase_scale, _LOST_M, inputs.tuning
+    )
+    if outcome == ppp_filter.LOST:
         return None, None
-    ppp_filter.begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
-    scale = code_scale(misclosure_m, rows, pairs, tuning)
-    code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
-    h, v, r, kind = ppp_filter.observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
-    used, whitened, scale_now, agrees = ppp_filter.update(
-        x, p, h, v, r, kind, state.phase_scale, max(2, kind.size // 6)
-    )
-    quality = EpochQuality(kind, pairs, used, whitened, float(whitened @ whitened), h, v, r)
-    if not agrees:
+    quality = EpochQuality(kind, inputs.pairs, used, whitened, float(whitened @ whitened), h, v, r)
+    if outcome == ppp_filter.DISAGREES:
         return None, quality
-    ppp_filter.book_keep(kind, used, arcs, arc_of_pair, added)
-    usual = (
-        state.phase_scale if np.isnan(scale_now) else state.phase_scale + _SCALE_GAIN * (scale_now - state.phase_scale)
-    )
+    usual = state.phase_scale
+    if not np.isnan(scale_now):
+        usual += _SCALE_GAIN * (scale_now - usual)
     return replace(
         state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, rejected_in_a_row=0, phase_scale=usual
     ), quality

@@ -18,7 +18,7 @@ from plumbline.estimation.kalman import (
     w_statistics,
     whiten,
 )
-from plumbline.positioning.ppp_noise import Tuning
+from plumbline.positioning.ppp_noise import Tuning, code_scale, variances
 from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, Records
 from plumbline.records import Booleans, Floats, Ints
 
@@ -34,6 +34,9 @@ W_LIMIT_OF_SCALE: Final = 5.0  # of phases, in units of their usual statistic
 _DOUBT: Final = 0.6  # share of its limit from which an observation is believed less
 _LEAST_SCALE: Final = 0.2
 _MOST_SCALE: Final = 2.0
+UPDATED: Final = 0
+DISAGREES: Final = 1
+LOST: Final = 2
 _NORMAL_MEDIAN: Final = 0.6745  # median of a standard normal's absolute value
 
 
@@ -205,6 +208,7 @@ def doubt(ratio: float) -> float:
 
 _Snooped = tuple[Booleans, Floats, Floats, float, bool]
 _Updated = tuple[Booleans, Floats, float, bool]
+_Advanced = tuple[int, Floats, Floats, Floats, Ints, Booleans, Floats, float]
 
 
 @njit(cache=True)
@@ -241,19 +245,73 @@ def snoop(s: Floats, v: Floats, kind: Ints, usual_scale: float, most: int) -> _S
 
 
 @njit(cache=True)
+def book_keep(kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats) -> None:
+    """After an update: count refused phases and the codes' weight in their arcs, in place."""
+    for i in range(kind.size):
+        pair = kind[i] // 2
+        arc = arc_of_pair[pair]
+        if arc < 0:
+            continue
+        if kind[i] % 2 == 0:
+            if use[i]:
+                arcs[arc].code_weight_m2 += added_code_weight[pair]
+        elif use[i]:
+            arcs[arc].refused = 0
+        else:
+            arcs[arc].refused += 1
+
+
+@njit(cache=True)
 def update(
     x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, kind: Ints, usual_scale: float, most: int
 ) -> _Updated:
     """Test an epoch's observations and, where they agree, update ``x`` and ``p`` in place by those that passed.
 
-    Returns which were used (m,), their whitened innovations, the phases' scale and whether the observations agree;
-    where they do not, nothing is changed.
+    States without variance (not in use) are left aside. Returns which were used (m,), their whitened innovations, the
+    phases' scale and whether the observations agree; where they do not, nothing is changed.
     """
-    s = innovation_covariance(p, h, r)
+    active = np.flatnonzero(np.diag(p) > 0.0)
+    n = active.size
+    x_active, p_active, h_active = x[active], np.empty((n, n)), np.ascontiguousarray(h[:, active])
+    for i in range(n):
+        for j in range(n):
+            p_active[i, j] = p[active[i], active[j]]
+    s = innovation_covariance(p_active, h_active, r)
     use, factors, white, scale_now, agrees = snoop(s, v, kind, usual_scale, most)
     if agrees:
-        update_sequential(x, p, h, r * factors, v, use)
+        update_sequential(x_active, p_active, h_active, r * factors, v, use)
+        for i in range(n):
+            x[active[i]] = x_active[i]
+            for j in range(n):
+                p[active[i], active[j]] = p_active[i, j]
     return use, white, scale_now, agrees
+
+
+@njit(cache=True)
+def advance(
+    x: Floats, p: Floats, arcs: Records, rows: Records, pairs: Records, arc_of_pair: Ints, dt_s: float,
+    usual_scale: float, lost_m: float, tuning: Tuning,
+) -> _Advanced:  # fmt: skip
+    """An epoch of the filter: predict over ``dt_s`` (0: the first), test, update ``x``, ``p`` and ``arcs`` in place.
+
+    Returns UPDATED, DISAGREES or LOST (the codes are further than ``lost_m`` from the prediction), the design (m, n),
+    innovations and variances (m,), kinds (m,), which were used (m,), their whitened innovations and the phases' scale.
+    """
+    if dt_s > 0.0:
+        predict_state(p, arcs, dt_s, tuning)
+    misclosure_m = foretell_clocks(x, p, rows, pairs)
+    none = np.zeros(0)
+    if dt_s > 0.0 and np.nanmedian(np.abs(misclosure_m)) > lost_m:
+        return LOST, np.zeros((0, 0)), none, none, np.zeros(0, np.int64), np.zeros(0, np.bool_), none, np.nan
+    begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
+    scale = code_scale(misclosure_m, rows, pairs, tuning)
+    code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
+    h, v, r, kind = observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
+    most = max(2, kind.size // 6)
+    used, white, scale_now, agrees = update(x, p, h, v, r, kind, usual_scale, most)
+    if agrees:
+        book_keep(kind, used, arcs, arc_of_pair, added)
+    return UPDATED if agrees else DISAGREES, h, v, r, kind, used, white, scale_now
 
 
 @njit(cache=True)
@@ -279,26 +337,3 @@ def dilution(rows: Records, system: NDArray[np.int8]) -> float:
         return np.nan
     inverse = lower_inverse(factor)
     return float(np.sqrt(np.sum(inverse[:, :_POSITION_AXES] ** 2)))
-
-
-@njit(cache=True)
-def median_size(values: Floats) -> float:
-    """Median absolute value, NaN left out."""
-    return float(np.nanmedian(np.abs(values)))
-
-
-@njit(cache=True)
-def book_keep(kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats) -> None:
-    """After an update: count refused phases and the codes' weight in their arcs, in place."""
-    for i in range(kind.size):
-        pair = kind[i] // 2
-        arc = arc_of_pair[pair]
-        if arc < 0:
-            continue
-        if kind[i] % 2 == 0:
-            if use[i]:
-                arcs[arc].code_weight_m2 += added_code_weight[pair]
-        elif use[i]:
-            arcs[arc].refused = 0
-        else:
-            arcs[arc].refused += 1

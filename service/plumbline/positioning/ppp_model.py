@@ -17,7 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from plumbline.constants import SPEED_OF_LIGHT_M_S
-from plumbline.gnss.line_of_sight import LineOfSight
+from plumbline.gnss.antenna import AntennaBook
+from plumbline.gnss.line_of_sight import LineOfSight, line_of_sight_model
+from plumbline.gnss.orbits_broadcast import SatelliteStates
 from plumbline.positioning.preprocess import SIGNAL_BAND
 from plumbline.positioning.state import Records
 from plumbline.records import Floats
@@ -86,6 +88,22 @@ def combine(sight: LineOfSight, pairs: Records, clock_m: Floats, mask_rad: float
         row.wind_up_m = row.wind_up_cycles * SPEED_OF_LIGHT_M_S / (pair.frequency_1_hz + pair.frequency_2_hz)
         row.eclipsed = sight.eclipsed[i]
     return rows
+
+
+@njit(cache=True)
+def model_rows(
+    states: SatelliteStates, pairs: Records, arcs: Records, clock_m: Floats, point_m: Floats, site: Floats,
+    sun_m: Floats, antennas: AntennaBook, satellite_antennas_apply: bool, mask_rad: float,
+) -> Records:  # fmt: skip
+    """Model rows (n,) of the pairs for an antenna reference point (3,) that stands still."""
+    satellite = np.empty(pairs.size, np.int16)
+    for i in range(pairs.size):
+        satellite[i] = pairs[i].satellite
+    sight = line_of_sight_model(
+        states, satellite, antenna_bands(pairs), point_m, np.zeros(3), site, sun_m, previous_wind_up(pairs, arcs),
+        antennas, satellite_antennas_apply,
+    )  # fmt: skip
+    return combine(sight, pairs, clock_m, mask_rad)
 
 
 @njit(cache=True)
