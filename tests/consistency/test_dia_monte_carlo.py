@@ -97,7 +97,7 @@ def test_a_larger_error_is_attributed_to_its_own_observation(epoch: Epoch) -> No
         _, v = epoch.draw(rng)
         v[i] += 8.0 * sigma_b[i]
         table, _ = dia.information(epoch.s, v, np.zeros((epoch.m, 0)))
-        found = dia.identify(table, starts, np.ones(epoch.m, bool), CRITICAL, 6)
+        found = dia.identify(table, starts, np.ones(epoch.m, bool), np.full(epoch.m, CRITICAL[1]), 6)
         named += bool(found.adopted[i])
         others += int(found.adopted.sum()) - int(found.adopted[i])
     assert named / n > 0.99
@@ -121,7 +121,7 @@ def test_protection_levels_bound_the_error_at_the_risk_stated(epoch: Epoch, size
         _, sigma_b = dia.w_values(table, np.zeros(epoch.m, bool))
         v[i] += size_in_mdb * factor.root_noncentrality * sigma_b[i]
         table, _ = dia.information(epoch.s, v, np.zeros((epoch.m, 0)))
-        found = dia.identify(table, starts, allowed, CRITICAL, 6)
+        found = dia.identify(table, starts, allowed, np.full(epoch.m, CRITICAL[1]), 6)
         used = ~found.adopted
         x, p = np.zeros(len(error)), epoch.p.copy()
         update_sequential(x, p, epoch.h, epoch.r, v, used)

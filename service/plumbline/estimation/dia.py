@@ -153,7 +153,7 @@ def _strongest(table, starts, adopted, allowed, critical, full):  # type: ignore
     for g in range(adopted.size):
         if adopted[g] or not allowed[g]:
             continue
-        ratio = _statistic(table, starts[g], starts[g + 1], False, full) / critical[starts[g + 1] - starts[g]]
+        ratio = _statistic(table, starts[g], starts[g + 1], False, full) / critical[g]
         if ratio > largest:
             best, largest = g, ratio
     return best, largest
@@ -165,7 +165,7 @@ def _weakest(table, starts, adopted, critical, full):  # type: ignore[no-untyped
     best, smallest = -1, np.inf
     for g in range(adopted.size):
         if adopted[g]:
-            ratio = _statistic(table, starts[g], starts[g + 1], True, full) / critical[starts[g + 1] - starts[g]]
+            ratio = _statistic(table, starts[g], starts[g + 1], True, full) / critical[g]
             if ratio < smallest:
                 best, smallest = g, ratio
     return best, smallest
@@ -176,8 +176,8 @@ def identify(table: Floats, starts: Ints, allowed: Booleans, critical: Floats, m
     """Adopt alternatives one by one, the strongest first, and take back those that later ones make needless.
 
     ``starts`` (groups + 1,): alternative g has the columns starts[g] … starts[g + 1] − 1 of the tableau. ``allowed``
-    (groups,): whether it may be adopted. ``critical`` by dimension. At most ``most`` columns are adopted. One threshold
-    to enter and to leave: each step lowers ``T + Σ critical`` of the adopted, so that this ends.
+    (groups,): whether it may be adopted. ``critical`` (groups,): its χ² critical value. At most ``most`` columns are
+    adopted. One threshold to enter and to leave: each step lowers ``T + Σ critical`` of the adopted, so that this ends.
     """
     swept, full = table.copy(), np.diag(table).copy()
     n_groups, n = starts.size - 1, table.shape[0]
