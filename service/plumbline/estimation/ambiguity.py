@@ -287,7 +287,9 @@ def resolve(
     empty = np.zeros((0, n), np.int64), np.zeros(0, np.int64)
     if n == 0:
         return Resolution(False, *empty, a, empty[1], np.inf, np.inf, 1.0, "no ambiguities")
-    status, tt, first, candidates, norms, z, rate = _resolve(a, q, min_success_rate, max(min_ratio, _RATIO_LIMIT), partial)
+    status, tt, first, candidates, norms, z, rate = _resolve(
+        a, q, min_success_rate, max(min_ratio, _RATIO_LIMIT), partial
+    )
     if status != 0:
         reason = _REASONS[status].format(rate=rate, least=min_success_rate)
         return Resolution(False, *empty, a, empty[1], np.inf, np.inf, rate, reason)

@@ -53,7 +53,8 @@ class RtkState:
 
     t_gps_ns: int | None = None  # of the last update
     t_last_epoch_ns: int | None = None
-    t_base_ns: int | None = None  # of the base epoch used last
+    t_base_first_ns: int | None = None  # of the first base epoch whose antenna's position nobody told
+    base_position_ecef_m: tuple[float, float, float] | None = None  # adopted for a base that does not tell its own
     origin_ecef_m: Floats = field(default_factory=lambda: np.zeros(3))  # that the baseline correction counts from
     position_ecef_m: Floats = field(default_factory=lambda: np.zeros(3))  # the last one, antenna reference point
     information: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))

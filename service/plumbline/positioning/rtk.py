@@ -1,0 +1,266 @@
+"""Positioning against a base station, one epoch at a time: code and phase differences, integers by LAMBDA.
+
+``step(state, rover, base, source, settings, facts) -> (state, solution, diagnostics)``. Every epoch gives a solution: a
+fixed or float position, or a status without one (a metre-level position would pass for motion); and a reason wherever
+something lacks. Nothing is remembered outside the state.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from plumbline.config import RtkSettings, StationSettings
+from plumbline.positioning.facts import StationFacts
+from plumbline.positioning.gather import mask_rad_of, pairs_of, point_of, select_rows
+from plumbline.positioning.reasons import cause_text
+from plumbline.positioning.rtk_arcs import REFUSED_LIMIT, keep_residuals, update_arcs
+from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position, snoop
+from plumbline.positioning.rtk_fix import Fix, fix, held_residuals
+from plumbline.positioning.rtk_model import fill_model, place_of, satellites_of
+from plumbline.positioning.rtk_observations import single_difference_rows
+from plumbline.positioning.rtk_solution import RtkDiagnostics, relative_solution
+from plumbline.positioning.rtk_state import BaseView, RtkState
+from plumbline.positioning.rtk_state import initial_state as initial_state  # noqa: PLC0414
+from plumbline.positioning.satellites import Cause, SatelliteSource
+from plumbline.positioning.solutions import no_position
+from plumbline.positioning.state import Records, no_arcs
+from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
+
+__all__ = ["RtkDiagnostics", "initial_state", "single_point_of", "step"]
+
+_NS: Final = 1_000_000_000
+_MIN_SATELLITES: Final = 4
+_CODE_W_LIMIT: Final = 4.0
+_FAR_M: Final = 100.0  # a position further from the approximate one is computed again from there
+_RESTART_GAP_S: Final = 30.0  # a kinematic antenna may be anywhere after this
+_ADOPT_AFTER_NS: Final = 5 * _NS  # a base that has not told its position by then gets a single-point one
+_DOUBTS_LIMIT: Final = 3  # epochs in a row that speak against the integers held, and they are let go
+_DOUBTFUL_VARIANCE: Final = 9.0  # of the held phases' residuals, in units of their own
+_VERIFY_EVERY_NS: Final = 10 * _NS
+_YOUNG_EPOCHS: Final = 10  # newly held integers are compared with a free search at every one of these
+
+_Result = tuple[RtkState, Solution, RtkDiagnostics | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """An epoch that rover and base both have, and everything else that a step knows."""
+
+    rover: Epoch
+    base: Epoch
+    base_name: str
+    base_position_ecef_m: Floats
+    source: SatelliteSource
+    settings: StationSettings
+    facts: StationFacts
+
+    @property
+    def age_s(self) -> float:
+        """Age of the base's data at the rover's epoch."""
+        return (self.rover.t_gps_ns - self.base.t_gps_ns) / _NS
+
+    @property
+    def rtk(self) -> RtkSettings:
+        """Settings of relative positioning."""
+        return self.settings.rtk
+
+    @property
+    def max_gap_ns(self) -> int:
+        """Longest interruption that an ambiguity may survive."""
+        if self.rtk.integers == "instantaneous":
+            return 0
+        return round(self.settings.positioning.max_gap_s * _NS)
+
+
+def step(
+    state: RtkState, rover: Epoch, base: BaseView, source: SatelliteSource, settings: StationSettings,
+    facts: StationFacts,
+) -> tuple[RtkState, Solution, RtkDiagnostics | None]:  # fmt: skip
+    """Process one epoch of the rover. Epochs not newer than the last one processed change nothing and say so.
+
+    ``base`` is what is known of the base at that instant; diagnostics are None where nothing could be computed.
+    """
+    if state.t_last_epoch_ns is not None and rover.t_gps_ns <= state.t_last_epoch_ns:
+        return state, no_position(rover, facts, Status.REJECTED, "epoch is not newer than the one before"), None
+    state = replace(state, t_last_epoch_ns=rover.t_gps_ns)
+    rover = select_rows(rover, settings.positioning.systems)
+    if rover.satellite.size == 0:
+        return state, no_position(rover, facts, Status.NO_OBSERVATIONS, "no observations of the systems wanted"), None
+    state, base_position, why = _base_position(state, rover, base, source, settings)
+    if base.epoch is None or base_position is None:
+        return state, no_position(rover, facts, Status.NO_BASE, why), None
+    rows = single_difference_rows(rover, base.epoch, settings.rtk.frequencies)
+    n = int(np.unique(rows["satellite"]).size)
+    if n < _MIN_SATELLITES:
+        reason = f"rover and base {base.station} have {n} satellites in common, {_MIN_SATELLITES} needed"
+        return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n), None
+    return _relative(state, _Inputs(rover, base.epoch, base.station, base_position, source, settings, facts), rows)
+
+
+def _base_position(
+    state: RtkState, rover: Epoch, base: BaseView, source: SatelliteSource, settings: StationSettings
+) -> tuple[RtkState, Floats | None, str]:
+    """Where the base is, or why it cannot be used. One that never says it gets a single-point position, once."""
+    if base.epoch is None:
+        return state, None, base.reason or f"no observations of base {base.station}"
+    age_s = (rover.t_gps_ns - base.epoch.t_gps_ns) / _NS
+    if abs(age_s) > settings.rtk.max_base_age_s:
+        limit = f"limit {settings.rtk.max_base_age_s:.0f} s"
+        return state, None, f"last data of base {base.station} {age_s:.0f} s ago, {limit}"
+    if settings.rtk.moving_base:
+        position = single_point_of(base.epoch, source)
+        return state, position, "" if position is not None else f"no single-point position of base {base.station}"
+    if base.position_ecef_m is not None:
+        return state, base.position_ecef_m, ""
+    first_ns = state.t_base_first_ns if state.t_base_first_ns is not None else base.epoch.t_gps_ns
+    state = replace(state, t_base_first_ns=first_ns)
+    adopted = state.base_position_ecef_m
+    waited = base.epoch.t_gps_ns - first_ns >= _ADOPT_AFTER_NS
+    if adopted is None and waited and (position := single_point_of(base.epoch, source)) is not None:
+        x, y, z = position.tolist()
+        adopted = (x, y, z)
+        state = replace(state, base_position_ecef_m=adopted)
+    why = f"position of base {base.station} not known yet: neither 1005/1006 nor a setting"
+    return state, None if adopted is None else np.array(adopted), "" if adopted else why
+
+
+def single_point_of(epoch: Epoch, source: SatelliteSource) -> Floats | None:
+    """Single-point position of an epoch's antenna, ECEF, m; None where it is impossible."""
+    pairs = pairs_of(epoch, source, no_arcs(), precise=False)
+    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
+    point = point_of(pairs, states, None)
+    return None if point is None else point.position_ecef_m
+
+
+def _approximate(state: RtkState, inputs: _Inputs) -> Floats | None:
+    """Where the rover is to some ten metres: the last position, or a new single-point one."""
+    if state.t_gps_ns is not None and inputs.rover.t_gps_ns - state.t_gps_ns < _RESTART_GAP_S * _NS:
+        return state.position_ecef_m
+    return single_point_of(inputs.rover, inputs.source)
+
+
+def _relative(state: RtkState, inputs: _Inputs, rows: Records) -> _Result:
+    """Model and test an epoch's codes, then go on to the filter."""
+    rover, facts = inputs.rover, inputs.facts
+    approximate = _approximate(state, inputs)
+    if approximate is None:
+        reason = "no approximate position: " + (_why_no_states(rows, inputs) or "the codes contradict each other")
+        return state, no_position(rover, facts, Status.NO_EPHEMERIS, reason), None
+    states, base_states, index = satellites_of(rows, rover, inputs.base, inputs.source)
+    base_place = place_of(inputs.base_position_ecef_m, rover.t_gps_ns)
+    mask_rad = mask_rad_of(inputs.settings.positioning)
+    use_code, moved, n_usable = np.zeros(rows.size, np.bool_), None, 0
+    for _ in range(2):
+        place = place_of(approximate, rover.t_gps_ns)
+        fill_model(rows, states, base_states, index, place, base_place, mask_rad, inputs.age_s, inputs.rtk)
+        use_code, moved, n_usable = _test_codes(rows)
+        if moved is None or np.linalg.norm(moved) < _FAR_M:
+            break
+        approximate = approximate + moved
+    if n_usable < _MIN_SATELLITES or moved is None:
+        reason = f"{n_usable} usable satellites in common with base {inputs.base_name}, {_MIN_SATELLITES} needed"
+        why = _why_no_states(rows, inputs)
+        reason = f"{reason}; {why}" if why else reason
+        return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n_usable), None
+    return _update(state, inputs, rows, use_code, approximate)
+
+
+def _why_no_states(rows: Records, inputs: _Inputs) -> str:
+    """The commonest reason why satellites of the rows cannot be used."""
+    satellite, first = np.unique(rows["satellite"], return_index=True)
+    ranges = rows["code_m"][first].copy()
+    states = inputs.source.broadcast(inputs.rover.t_gps_ns, inputs.rover.t_receive_ns, satellite, ranges)
+    bad = states.cause[states.cause != Cause.USABLE]
+    if bad.size == 0:
+        return ""
+    causes, counts = np.unique(bad, return_counts=True)
+    return cause_text(Cause(int(causes[np.argmax(counts)])), f"{bad.size} of {satellite.size} satellites")
+
+
+def _test_codes(rows: Records) -> tuple[Booleans, Floats | None, int]:
+    """Which codes agree, the position correction that they ask for (None: undetermined), satellites usable."""
+    n_groups = int(rows["group"].max()) + 1
+    b, _, use, _, _, _, regular = snoop(
+        rows["line"], np.nan_to_num(rows["code_oc_m"]), rows["code_weight"], rows["group"].astype(np.int64), n_groups,
+        _CODE_W_LIMIT, max(2, rows.size // 4),
+    )  # fmt: skip
+    usable = np.unique(rows["satellite"][rows["code_weight"] > 0.0]).size
+    return use, b if regular else None, int(usable)
+
+
+def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans, approximate: Floats) -> _Result:
+    """Bring arcs and filter to the epoch, resolve, and answer."""
+    t_ns, n_groups = inputs.rover.t_gps_ns, int(rows["group"].max()) + 1
+    arcs, previous, slips, motion = update_arcs(state, rows, t_ns, inputs.max_gap_ns, n_groups)
+    information, right = _predicted(state, previous, t_ns, inputs.rtk)
+    use_phase, doubt = _test_held(rows, arcs, n_groups)
+    static = inputs.rtk.position_noise_m_sqrt_s is not None and state.t_gps_ns is not None
+    origin = state.origin_ecef_m if static else approximate
+    accumulate(information, right, rows, arcs, use_code, use_phase, approximate - origin, n_groups)
+    doubts = state.doubts_in_a_row + 1 if doubt else 0
+    let_go = doubts >= _DOUBTS_LIMIT
+    if let_go or inputs.rtk.integers != "continuous" or not inputs.rtk.hold:
+        arcs["held"] = False
+    young = state.fixed_in_a_row < _YOUNG_EPOCHS
+    verify = young or t_ns - state.t_verified_ns >= _VERIFY_EVERY_NS
+    result, contradicted = fix(information, right, rows, arcs, inputs.rtk, verify)
+    if not np.isfinite(result.covariance_m2).all():
+        return state, no_position(inputs.rover, inputs.facts, Status.TOO_FEW_SATELLITES, result.reason), None
+    arcs = result.arcs
+    if let_go:  # whatever led to them is not to be believed either: begin anew with the next epoch
+        arcs["refused"] = REFUSED_LIMIT
+    position = origin + result.position_m
+    keep_residuals(rows, arcs, position - approximate)
+    let_go = let_go or contradicted
+    new = replace(
+        state, t_gps_ns=t_ns, origin_ecef_m=origin, position_ecef_m=position, information=information, right=right,
+        arcs=arcs, fixed_in_a_row=state.fixed_in_a_row + 1 if result.fixed and not let_go else 0,
+        doubts_in_a_row=0 if let_go else doubts, t_verified_ns=t_ns if verify else state.t_verified_ns,
+    )  # fmt: skip
+    diagnostics = RtkDiagnostics(
+        rows, arcs, use_code, use_phase, approximate, inputs.base_position_ecef_m, inputs.age_s, result.fixed,
+        origin + result.float_position_m, result.ratio, result.success_rate, result.n_ambiguities, result.n_fixed,
+        slips, motion[0] if motion else None, let_go,
+    )  # fmt: skip
+    return _answer(state, new, inputs, result, diagnostics)
+
+
+def _answer(old: RtkState, new: RtkState, inputs: _Inputs, result: Fix, diagnostics: RtkDiagnostics) -> _Result:
+    """The solution record; the first fixed position becomes the reference where the settings give none."""
+    interval_s = None if old.t_gps_ns is None else (inputs.rover.t_gps_ns - old.t_gps_ns) / _NS
+    reference = inputs.facts.reference_position_ecef_m or new.reference_position_ecef_m
+    solution = relative_solution(
+        inputs.rover, inputs.facts, new.position_ecef_m, result, diagnostics, reference, interval_s
+    )  # fmt: skip
+    if result.fixed and reference is None and solution.position_ecef_m is not None:
+        x, y, z = solution.position_ecef_m.tolist()
+        new = replace(new, reference_position_ecef_m=(x, y, z))
+        solution = replace(solution, displacement_enu_m=np.zeros(3))
+    return new, solution, diagnostics
+
+
+def _predicted(state: RtkState, previous: Ints, t_gps_ns: int, rtk: RtkSettings) -> tuple[Floats, Floats]:
+    """The filter's information brought to an epoch: ambiguities come and go and fade, the position moves."""
+    information, right = carry_over(state.information.copy(), state.right.copy(), previous)
+    dt_s = 0.0 if state.t_gps_ns is None else (t_gps_ns - state.t_gps_ns) / _NS
+    noise = rtk.position_noise_m_sqrt_s
+    move_position(information, right, np.inf if noise is None else noise * noise * dt_s)
+    fade = np.exp(-dt_s / rtk.ambiguity_memory_s)
+    return information * fade, right * fade
+
+
+def _test_held(rows: Records, arcs: Records, n_groups: int) -> tuple[Booleans, bool]:
+    """Phases that may be used (n,), and whether those held contradict each other; refusals are counted in the arcs."""
+    use_phase: Booleans = rows["arc"] >= 0
+    if not arcs["held"].any():
+        return use_phase, False
+    use, tested, squares, redundancy, regular = held_residuals(rows, arcs, n_groups)
+    if not regular or redundancy < 1.0:
+        return use_phase, False
+    bad = tested & ~use
+    arcs["refused"][rows["arc"][tested & use]] = 0
+    arcs["refused"][rows["arc"][bad]] += 1
+    use_phase = use_phase & ~bad
+    many = 4 * np.count_nonzero(bad) > np.count_nonzero(tested)
+    return use_phase, bool(many or squares > redundancy * _DOUBTFUL_VARIANCE)

@@ -1,0 +1,31 @@
+"""Velocity from between-receiver single differences of Doppler (or the rover's own, where the base sends none)."""
+
+from typing import Final
+
+import numpy as np
+
+from plumbline.positioning.rtk_filter import snoop
+from plumbline.positioning.state import Records
+from plumbline.records import Floats
+
+_W_LIMIT: Final = 4.0
+_MIN_ROWS: Final = 5
+
+
+def velocity_of(rows: Records) -> Floats | None:
+    """Velocity of the rover against a base at rest, Earth-fixed (3,), m/s; None where the Dopplers do not tell it.
+
+    A range rate is ``−line · v`` plus the drift of the receivers' clocks, one for all signals.
+    """
+    weight = rows["range_rate_weight"]
+    with_base = ~np.isnan(rows["base_range_rate_m_s"])
+    if with_base.any():
+        weight = np.where(with_base, weight, 0.0)
+    if np.count_nonzero(weight) < _MIN_ROWS:
+        return None
+    one_clock = np.zeros(rows.size, np.int64)
+    v, _, _, _, _, redundancy, regular = snoop(
+        rows["line"], np.nan_to_num(rows["range_rate_oc_m_s"]), weight, one_clock, 1, _W_LIMIT, rows.size // 4
+    )
+    velocity: Floats = v
+    return velocity if regular and redundancy > 0.5 else None
