@@ -22,13 +22,14 @@ from plumbline.constants import (
     EARTH_ROTATION_RATE_RAD_S,
     SPEED_OF_LIGHT_M_S,
 )
-from plumbline.gnss.orbits_broadcast import broadcast_states, pack
+from plumbline.gnss.orbits_broadcast import broadcast_states, is_beidou_geo, pack
 from plumbline.gnss.ssr_orbits import rotation_ecef_from_rac
 from plumbline.gps_time import NS_PER_S, WEEK_NS
 from plumbline.records import Floats, Ints, KeplerEphemeris, SatelliteIds, SsrHeader
 from plumbline.signals import System, satellite_id, system_of
 from plumbline_dtu.corrections import correction_of, zero_code_biases
 from plumbline_dtu.encoding import as_received, correction_frames, ephemeris_frame
+from plumbline_dtu.simulation.geosynchronous import geosynchronous_orbits
 
 _EPHEMERIS_REPEAT_S: Final = 30
 _BIAS_INTERVAL_S: Final = 30
@@ -71,6 +72,7 @@ class Constellation:
     reference_gps_ns: int
     letters: str = "GEC"
     seed: int = 1
+    geosynchronous: bool = False  # BeiDou's geostationary and inclined satellites too, and BeiDou-2's medium ones
     truth: dict[int, KeplerEphemeris] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -80,6 +82,9 @@ class Constellation:
                 for index in range(walker.planes * walker.per_plane):
                     ephemeris = _truth(system, walker, index, self.seed, self.reference_gps_ns)
                     found[ephemeris.satellite] = ephemeris
+                if self.geosynchronous and system is System.BEIDOU:
+                    tow_s = _of_week_s(self.reference_gps_ns, system)
+                    found |= {e.satellite: e for e in geosynchronous_orbits(ephemeris, tow_s, self.seed)}
         object.__setattr__(self, "truth", found)
 
     @property
@@ -179,6 +184,9 @@ def _broadcast(truth: KeplerEphemeris, toe_gps_ns: int, seed: int) -> KeplerEphe
     rate = _earth_rate(system)
     node_at_week = truth.ascending_node_rad - rate * _of_week_s(truth.toe_gps_ns, system)
     node = node_at_week + (truth.ascending_node_rate_rad_s - rate) * since_s + rate * _of_week_s(toe_gps_ns, system)
+    perigee = truth.argument_of_perigee_rad
+    if is_beidou_geo(truth.satellite):  # equatorial, in a frame that stops turning at the reference time
+        node, perigee = node + rate * since_s, perigee - rate * since_s
     errors = _cached_broadcast((seed, truth.satellite, toe_gps_ns // NS_PER_S % 2**31))
     index = toe_gps_ns // (WALKERS[system].period_of_sets_s * NS_PER_S)
     issue = index % {System.GPS: 240, System.GALILEO: 1000, System.BEIDOU: 24}[system]
@@ -191,6 +199,7 @@ def _broadcast(truth: KeplerEphemeris, toe_gps_ns: int, seed: int) -> KeplerEphe
         issue_clock=issue,
         mean_anomaly_rad=_wrap(truth.mean_anomaly_rad + motion * since_s + errors["mean_anomaly_rad"]),
         ascending_node_rad=_wrap(node + errors["ascending_node_rad"]),
+        argument_of_perigee_rad=_wrap(perigee),
         inclination_rad=truth.inclination_rad + errors["inclination_rad"],
         crs_m=errors["crs_m"],
         crc_m=errors["crc_m"],
