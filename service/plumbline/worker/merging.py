@@ -29,7 +29,7 @@ class Cursor:
     station: str
     correction: bool
     last_ns: int  # receive time of the last chunk taken in
-    complete_ns: int  # while not live: the receive time up to which nothing is missing
+    complete_ns: int  # the receive time up to which, by what was fetched, nothing is missing
     next_offset: int | None = None  # of the next chunk expected; None: not known before the first fetch
     consumed_offset: int = 0
     live: bool = False
@@ -150,9 +150,8 @@ class Merger:
         cursor.complete_ns = max(cursor.complete_ns, cursor.last_ns)
         if cursor.next_offset >= reply.end:
             cursor.live = True
+            cursor.complete_ns = max(cursor.complete_ns, reply.t_now_ns)  # its own: others' chunks may be on their way
             del self._catching_up[cursor.key]
-            if cursor.archive in self._clock_ns:
-                self._clock_ns[cursor.archive] = max(self._clock_ns[cursor.archive], reply.t_now_ns)
 
     def _take(self, cursor: Cursor, chunk: Chunk) -> None:
         cursor.pending.append(chunk)
@@ -174,7 +173,7 @@ class Merger:
     def _frontier_ns(self, cursor: Cursor) -> int:
         if cursor.archive not in self._clock_ns:
             return NEVER_NS  # its ingest is gone: nothing more to wait for
-        return self._clock_ns[cursor.archive] if cursor.live else cursor.complete_ns
+        return max(self._clock_ns[cursor.archive], cursor.complete_ns) if cursor.live else cursor.complete_ns
 
     def correction_frontier_ns(self) -> int:
         """The receive time up to which every correction stream is complete."""
@@ -198,14 +197,11 @@ class Merger:
         return frontier_ns if frontier_ns < NEVER_NS else None
 
     def _hindmost_station_ns(self) -> int:
-        """The receive time that some station may still have to process a chunk at."""
-        behind = (c.pending[0].t_receive_ns for c in self._waiting.values() if not c.correction)
-        fetching = (
-            c.complete_ns
-            for c in self._catching_up.values()
-            if not c.correction and not c.pending and c.archive in self._clock_ns
+        """The receive time before which every station has been given all its chunks."""
+        stations = (cursor for cursor in self._cursors.values() if not cursor.correction)
+        return min(
+            (c.pending[0].t_receive_ns if c.pending else self._frontier_ns(c) for c in stations), default=NEVER_NS
         )
-        return min(min(behind, default=NEVER_NS), min(fetching, default=NEVER_NS))
 
     def release(self, limit: int = 1000) -> Iterator[Chunk]:
         """Chunks that may be processed now, in order, about ``limit``; each counts as consumed when it is yielded."""
@@ -219,7 +215,9 @@ class Merger:
     def _pass(self) -> Iterator[Chunk]:
         """What may be released by the bounds as they are now, in order; releasing it can widen them."""
         complete_ns = self.correction_frontier_ns()
-        correction_limit_ns = min(self._hindmost_station_ns() + self._lead_ns, complete_ns)
+        correction_limit_ns = complete_ns
+        if any(cursor.correction for cursor in self._waiting.values()):
+            correction_limit_ns = min(self._hindmost_station_ns() + self._lead_ns, complete_ns)
         heap = [(cursor.pending[0].t_receive_ns, not cursor.correction, key) for key, cursor in self._waiting.items()]
         heapq.heapify(heap)
         while heap:

@@ -118,6 +118,8 @@ class Worker:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(0.1):
                     await self._inbox_ready()
+            if self._must_restart:
+                await self._settle()
 
     # ----------------------------------------------------------------------------------------- what comes in
 

@@ -144,7 +144,38 @@ def test_a_station_waits_for_corrections_that_are_being_fetched() -> None:
     assert list(merger.release()) == []
     merger.fetched(correction, ArchiveReply(1, 1, 1001, (Chunk("x", "ssr", 0, 400, b"s"),)))
     assert [c.station for c in merger.release()] == ["ssr", "a"]
-    assert merger.idle_until_ns("a") == 1001
+    assert merger.idle_until_ns("a") == 1000
+
+
+def test_an_answer_for_one_stream_says_nothing_of_chunks_of_others_on_their_way() -> None:
+    merger = Merger(lead_ns=0)
+    merger.ingest_came("x")
+    merger.follow("x", "a", correction=False, from_ns=0)
+    merger.follow("x", "ssr", correction=True, from_ns=0)
+    for cursor in merger.wanted():
+        merger.fetched(cursor, ArchiveReply(0, 1, 100, ()))
+    merger.follow("x", "b", correction=False, from_ns=0)
+    (cursor,) = merger.wanted()
+    merger.fetched(cursor, ArchiveReply(1, 1, 500, (Chunk("x", "b", 0, 450, b"b"),)))
+    assert list(merger.release()) == []  # a correction of before 450 may be under way
+    merger.offer(Chunk("x", "ssr", 0, 400, b"s"))
+    merger.tick(Tick("x", 1, 600))
+    assert [c.station for c in merger.release()] == ["ssr", "b"]
+
+
+def test_a_correction_from_the_archive_waits_for_a_station_s_chunk_on_its_way() -> None:
+    merger = Merger(lead_ns=0)
+    merger.ingest_came("x")
+    merger.follow("x", "b", correction=False, from_ns=0)
+    (cursor,) = merger.wanted()
+    merger.fetched(cursor, ArchiveReply(0, 1, 100, ()))
+    merger.follow("x", "ssr", correction=True, from_ns=0)
+    (cursor,) = merger.wanted()
+    merger.fetched(cursor, ArchiveReply(1, 1, 1000, (Chunk("x", "ssr", 0, 900, b"s"),)))
+    assert list(merger.release()) == []
+    merger.offer(Chunk("x", "b", 0, 700, b"b"))
+    merger.tick(Tick("x", 1, 1000))
+    assert [c.station for c in merger.release()] == ["b", "ssr"]
 
 
 def test_bytes_consumed_before_are_not_released_again() -> None:
