@@ -1,6 +1,7 @@
 """The command line: serve, process, inspect."""
 
 import argparse
+import re
 import sys
 import time
 from collections.abc import Sequence
@@ -15,12 +16,13 @@ from plumbline.config import AntennaMotion, Mode, read_server_settings
 from plumbline.errors import PlumblineError
 from plumbline.gps_time import gps_ns_from_unix_ns
 
+_NEGATIVE_VECTOR = re.compile(r"-[\d.]+(e-?\d+)?,")
 ROLES = ("ingest", "worker", "store", "api")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the command ``plumbline``; returns the exit code."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_with_joined_vectors(sys.argv[1:] if arguments is None else arguments))
     try:
         code: int = options.run(options)
     except PlumblineError as error:
@@ -47,6 +49,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _with_joined_vectors(arguments: Sequence[str]) -> list[str]:
+    """``--reference -1,2,3`` as ``--reference=-1,2,3``: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and _NEGATIVE_VECTOR.match(argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
 def _add_serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file")
     parser.add_argument("--data-dir", type=Path, metavar="DIR")
@@ -61,11 +74,18 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     def files(name: str, help_: str, required: bool = False) -> None:
         parser.add_argument(name, nargs="+", type=Path, default=[], metavar="FILE", help=help_, required=required)
 
-    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "fuse"), default="ppp")
+    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "rtk", "fuse"), default="ppp")
     motion = parser.add_mutually_exclusive_group()
     motion.add_argument("--kinematic", dest="motion", action="store_const", const=AntennaMotion.KINEMATIC)
     motion.add_argument("--static", dest="motion", action="store_const", const=AntennaMotion.STATIC)
     files("--obs", "observations: RTCM3 or RINEX, plain or gzip")
+    files("--rover", "mode rtk: the same as --obs")
+    files("--base", "mode rtk: observations of the base station, and its ephemerides")
+    parser.add_argument("--base-position", type=_vector, metavar="X,Y,Z",
+                        help="mode rtk: the base's antenna reference point, ECEF, m")  # fmt: skip
+    parser.add_argument("--integers", choices=("off", "continuous", "instantaneous"), default="continuous",
+                        help="mode rtk: resolve integers over time, at every epoch for itself, or not")  # fmt: skip
+    parser.add_argument("--frequencies", type=int, choices=(1, 2, 3), default=2, help="mode rtk")
     files("--nav", "ephemerides: RINEX or RTCM3")
     files("--ssr", "corrections: RTCM3")
     files("--sp3", "precise orbits, several days in any order")
@@ -111,16 +131,22 @@ def _process(options: argparse.Namespace) -> int:
 
     if options.mode == "fuse":
         return _fuse(options)
+    mode = Mode(options.mode)
+    options.obs = [*options.obs, *options.rover]
     if not options.obs:
         raise PlumblineError("--obs is needed in this mode")
-    mode = Mode(options.mode)
+    if mode is Mode.RTK and not options.base:
+        raise PlumblineError("mode rtk wants --base")
+    rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
+           "frequencies": options.frequencies}  # fmt: skip
     settings = offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
-        options.ar, options.rotation_deg, options.antex,
+        options.ar, options.rotation_deg, options.antex, rtk,
     )  # fmt: skip
     request = offline.ProcessRequest(
         settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
         tuple(options.accel), tuple(options.pole_zero), gps_ns_from_unix_ns(time.time_ns()),
+        tuple(options.base),
     )  # fmt: skip
     with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
         outputs = offline.run(request, partial(_advance, bar))

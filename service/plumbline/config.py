@@ -74,6 +74,7 @@ class RtkSettings(_Frozen):
     base_position_ecef_m: Vector3 | None = None  # antenna reference point; None: the stream's 1005/1006
     moving_base: bool = False  # the base's own position is computed anew at every epoch
     max_base_age_s: float = Field(10.0, gt=0)  # older base data are not bridged
+    base_wait_s: float = Field(0.3, ge=0)  # how long an epoch waits for the base's of the same instant
     frequencies: int = Field(2, ge=1, le=3)
     integers: Literal["off", "continuous", "instantaneous"] = "continuous"  # instantaneous: every epoch for itself
     hold: bool = True  # resolved integers are kept as long as nothing speaks against them
@@ -130,6 +131,7 @@ class InertialSettings(_Frozen):
     heading_deg: float | None = None  # known heading of the body's forward axis; None: found from the motion
     heading_sigma_deg: float = Field(1.0, gt=0)  # of a known heading
     velocity_sigma_m_s: float = Field(0.05, gt=0)  # of a solution's velocity that carries none of its own
+    velocity_delay_s: float = Field(0.0, ge=-1, le=1)  # a solution's velocity is the one of so long before its position
     position_sigma_floor_m: float = Field(0.0, ge=0)
     phase_sigma_m: float = Field(0.003, gt=0)  # tight: at the zenith, of each antenna
     code_sigma_m: float = Field(0.5, gt=0)
@@ -141,7 +143,7 @@ class InertialSettings(_Frozen):
     standstill_force_sigma_m_s2: float = Field(0.02, gt=0)  # spread of the samples in a window at rest, at most
     standstill_rate_sigma_rad_s: float = Field(0.002, gt=0)
     standstill_velocity_sigma_m_s: float = Field(0.005, gt=0)
-    standstill_bias_sigma_rad_s: float = Field(2.0e-4, gt=0)  # of a window's mean rate as the gyroscope's bias
+    standstill_bias_sigma_rad_s: float = Field(1.0e-5, ge=0)  # of a window's mean rate as the gyroscope's bias
     late_limit_s: float = Field(5.0, gt=0)  # how old a GNSS measurement may be applied
 
 

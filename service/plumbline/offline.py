@@ -8,7 +8,7 @@ import csv
 import gzip
 import heapq
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from plumbline.config import AntennaMotion, Mode, StationSettings
+from plumbline.epochs.base_book import BaseBook
 from plumbline.epochs.recording import Piece, read_recording
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.errors import ConfigurationError
 from plumbline.files.rinex_clock import read_clocks
+from plumbline.files.rinex_header import RinexObservationHeader
 from plumbline.files.rinex_navigation import read_navigation
 from plumbline.files.rinex_observation import RinexObservations
 from plumbline.files.seismic import read_components
@@ -29,6 +31,7 @@ from plumbline.gps_time import NS_PER_S
 from plumbline.pipeline import Pipeline
 from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
 from plumbline.positioning.satellites import SatelliteSource
+from plumbline.positioning.solutions import rotation_at
 from plumbline.records import AntennaDescription, Epoch, InertialBlock, Motion, Output, Solution
 
 COLUMNS: Final = (
@@ -52,6 +55,7 @@ class ProcessRequest:
     accel: tuple[Path, ...] = ()
     pole_zero: tuple[Path, ...] = ()  # of `accel`
     t_near_gps_ns: int = 0  # settles the week of recordings without ephemerides
+    base: tuple[Path, ...] = ()  # observations of the base station (mode rtk), with its ephemerides
 
 
 class Event(NamedTuple):
@@ -90,7 +94,8 @@ def run(request: ProcessRequest, report: Callable[[float], None] = lambda fracti
     pipeline.state.description = AntennaDescription(0, antenna_type=_antenna_type(request.obs))
     progress = Progress(report=report)
     corrections = (*request.ssr, *_recordings(request.nav))  # before the observations of the same instant
-    streams: list[Iterable[Event]] = [_correction_events(path, books, t_near_ns) for path in corrections]
+    streams: list[Iterable[Event]] = [_base_events(path, request.settings, books, t_near_ns) for path in request.base]
+    streams += [_correction_events(path, books, t_near_ns) for path in corrections]
     streams += [_observation_events(path, t_near_ns, progress) for path in request.obs]
     if request.accel:
         streams.append(_inertial_events(request, t_near_ns))
@@ -119,7 +124,7 @@ def _load_navigation(request: ProcessRequest, books: Books) -> int:
     for path in request.obs:
         if is_rinex(path):
             return next(iter(RinexObservations(path))).t_gps_ns
-    for path in (*_recordings(request.obs), *_recordings(request.nav), *request.ssr):
+    for path in (*_recordings(request.obs), *_recordings((*request.base, *request.nav)), *request.ssr):
         t_ns = _time_of_ephemerides(path, request.t_near_gps_ns)
         if t_ns is not None:
             return t_ns
@@ -165,8 +170,36 @@ def _observation_events(path: Path, t_near_ns: int, progress: Progress) -> Itera
         yield Event(piece.t_ns, partial(_deliver_piece, piece))
 
 
-def _correction_events(path: Path, books: Books, t_near_ns: int) -> Iterator[Event]:
-    feed = NavigationFeed(path.name, books)
+def _base_events(path: Path, settings: StationSettings, books: Books, t_near_ns: int) -> Iterator[Event]:
+    """A base's epochs into the books: a recording through its feed, RINEX as it is."""
+    if not is_rinex(path):
+        yield from _correction_events(path, books, t_near_ns, settings.rtk.base_stream)
+        return
+    observations, book = RinexObservations(path), BaseBook()
+    books.bases[settings.rtk.base_stream or path.name] = book
+    header = observations.header
+    book.describe(AntennaDescription(0, _reference_point(header), antenna_type=header.antenna_type or None), 0)
+    for epoch in observations:
+        yield Event(epoch.t_receive_ns, partial(_deliver_base, book, epoch))
+
+
+def _reference_point(header: RinexObservationHeader) -> tuple[float, float, float] | None:
+    """Antenna reference point of a RINEX header, ECEF, m."""
+    if header.approximate_position_ecef_m is None or not any(header.approximate_position_ecef_m):
+        return None
+    up, east, north = header.antenna_delta_hen_m
+    marker = np.array(header.approximate_position_ecef_m)
+    x, y, z = (marker + rotation_at(marker).T @ np.array([east, north, up])).tolist()
+    return x, y, z
+
+
+def _deliver_base(book: BaseBook, epoch: Epoch, pipeline: Pipeline) -> list[Output]:
+    book.add(epoch)
+    return []
+
+
+def _correction_events(path: Path, books: Books, t_near_ns: int, stream: str | None = None) -> Iterator[Event]:
+    feed = NavigationFeed(stream or path.name, books)
     for piece in read_recording(path, path.name, t_near_ns=t_near_ns):
         yield Event(piece.t_ns, partial(_deliver_correction, feed, piece))
 
@@ -312,6 +345,7 @@ def settings_of(
     ambiguity_resolution: str,
     rotation_deg: float = 0.0,
     antex: Path | None = None,
+    rtk: Mapping[str, object] | None = None,
 ) -> StationSettings:
     """Station settings from the command line's words."""
     return StationSettings.model_validate(
@@ -327,6 +361,7 @@ def settings_of(
                 "motion": motion,
                 "ambiguity_resolution": ambiguity_resolution,
             },
+            "rtk": dict(rtk or {}),
             "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},
         }
     )

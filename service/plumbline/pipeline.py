@@ -23,10 +23,12 @@ from plumbline.config import Mode, StationSettings
 from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
-from plumbline.gps_time import NS_PER_S
-from plumbline.positioning import ppp
+from plumbline.gps_time import NS_PER_S, WEEK_NS
+from plumbline.positioning import ppp, rtk
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
+from plumbline.positioning.rtk_base import base_view, due_until_ns
+from plumbline.positioning.rtk_state import RtkState
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.state import PppState
 from plumbline.positioning.station_facts import facts_of
@@ -60,6 +62,8 @@ class PipelineState:
     books: Books = field(default_factory=Books)  # from the station's own stream
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
     position: PppState = field(default_factory=PppState)
+    relative: RtkState = field(default_factory=RtkState)
+    waiting: list[Epoch] = field(default_factory=list)  # for the base's epoch of the same instant
     motion: fusion.FusionState | None = None
     alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
     held: list[tuple[Observations, int]] = field(default_factory=list)
@@ -107,6 +111,7 @@ class Pipeline:
         outputs = self._release_held()
         for assembler in self.state.assemblers.values():
             outputs += [o for epoch in assembler.flush() for o in self.process_epoch(epoch)]
+        outputs += self._release_waiting(t_receive_ns + self._deadline_ns + WEEK_NS)
         return outputs + self._status(t_receive_ns)
 
     def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
@@ -206,16 +211,42 @@ class Pipeline:
 
     def _advance_epochs(self, t_receive_ns: int) -> list[Output]:
         epochs = [e for a in self.state.assemblers.values() for e in a.advance(t_receive_ns)]
-        return [output for epoch in epochs for output in self.process_epoch(epoch)]
+        outputs = [output for epoch in epochs for output in self.process_epoch(epoch)]
+        return outputs + self._release_waiting(t_receive_ns)
 
     def process_epoch(self, epoch: Epoch) -> list[Output]:
         """Position one epoch, whichever way it came, and pass the solution on."""
         self.state.t_last_data_ns = epoch.t_receive_ns
+        if self.settings.mode is Mode.RTK:
+            self.state.waiting.append(epoch)
+            return self._release_waiting(epoch.t_receive_ns)
+        self.state.position, solution = ppp.step(
+            self.state.position, epoch, self._source, self.settings.positioning, self._facts_at(epoch)
+        )
+        return self._solved(solution)
+
+    def _facts_at(self, epoch: Epoch) -> StationFacts:
         if self._facts is None:
             self._facts = facts_of(self.settings, epoch.t_gps_ns, self.state.description.antenna_type or "")
-        self.state.position, solution = ppp.step(
-            self.state.position, epoch, self._source, self.settings.positioning, self._facts
-        )
+        return self._facts
+
+    def _release_waiting(self, t_receive_ns: int) -> list[Output]:
+        """Position, in their order, the epochs that wait for their base no longer."""
+        outputs: list[Output] = []
+        while self.state.waiting:
+            epoch = self.state.waiting[0]
+            as_of_ns = due_until_ns(self._shared.bases, epoch, t_receive_ns, self.settings.rtk)
+            if as_of_ns is None:
+                break
+            self.state.waiting = self.state.waiting[1:]
+            base = base_view(self._shared.bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
+            self.state.relative, solution, _ = rtk.step(
+                self.state.relative, epoch, base, self._source, self.settings, self._facts_at(epoch)
+            )
+            outputs += self._solved(solution)
+        return outputs
+
+    def _solved(self, solution: Solution) -> list[Output]:
         self.state.last_solution = solution
         result = fusion.receive_solution(self._motion_state(), solution, self.settings.fusion)
         self.state.motion = result.state
@@ -235,7 +266,8 @@ class Pipeline:
 
     def _motion_state(self) -> fusion.FusionState:
         if self.state.motion is None:
-            reference = self.settings.reference_position_ecef_m or self.state.position.reference_position_ecef_m
+            adopted = self.state.relative if self.settings.mode is Mode.RTK else self.state.position
+            reference = self.settings.reference_position_ecef_m or adopted.reference_position_ecef_m
             self.state.motion = fusion.initial_state(self.settings.station, reference)
         return self.state.motion
 

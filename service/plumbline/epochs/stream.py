@@ -5,15 +5,19 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from plumbline.epochs import translate_ephemeris, translate_ssr
+from plumbline.epochs.assembler import EpochAssembler
+from plumbline.epochs.base_book import BaseBook
 from plumbline.epochs.correction_book import CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
 from plumbline.epochs.time_base import TimeBase
 from plumbline.epochs.translate_ssr import SsrTranslator
-from plumbline.records import Ephemeris, GlonassEphemeris
+from plumbline.records import UNKNOWN_CHANNEL, AntennaDescription, Ephemeris, Epoch, GlonassEphemeris
 from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Observations, Unknown, decode
+from plumbline.rtcm3.station import describe
 from plumbline.signals import System
 
 _WEEKLESS_KEPT: Final = 500
+_BASE_DEADLINE_NS: Final = 800_000_000  # how long a base's epoch waits for late constellations
 
 
 class StreamDecoder:
@@ -53,6 +57,7 @@ class Books:
     time_base: TimeBase = field(default_factory=TimeBase)
     translators: dict[str, SsrTranslator] = field(default_factory=dict)  # by stream
     has_corrections: bool = False
+    bases: dict[str, BaseBook] = field(default_factory=dict)  # by stream: observations that others use
     _weekless: list[tuple[Message, int]] = field(
         default_factory=list
     )  # ephemerides that came before the week was known
@@ -111,19 +116,59 @@ class Books:
 
 
 class NavigationFeed:
-    """A stream of ephemerides or corrections that stations share: bytes in, books kept."""
+    """A stream that stations share: ephemerides, corrections, a base's observations. Bytes in, books kept."""
 
     def __init__(self, stream: str, books: Books) -> None:
         self.stream = stream
         self._books = books
         self._decoder = StreamDecoder()
+        self._assembler: EpochAssembler | None = None  # of a base's epochs
+        self._description = AntennaDescription(0)
 
     def receive(self, data: bytes, t_receive_ns: int) -> None:
         """Decode and keep what is for the books; the rest is left alone."""
+        if self._assembler is not None:
+            self._keep(self._assembler.advance(t_receive_ns))
         for message in self._decoder.receive(data):
-            self._books.learn(message, t_receive_ns, self.stream)
+            if self._books.learn(message, t_receive_ns, self.stream):
+                continue
+            if isinstance(message, Observations):
+                self._observe(message, t_receive_ns)
+            elif isinstance(message, Message):
+                self._describe(message, t_receive_ns)
+
+    def _observe(self, message: Observations, t_receive_ns: int) -> None:
+        """A base's observations, of the first antenna that the stream shows."""
+        if self._assembler is None:
+            self._assembler = EpochAssembler(_BASE_DEADLINE_NS)
+            self._description = AntennaDescription(message.station, self._description.position_ecef_m)
+        if message.station == self._description.antenna:
+            self._tell_channels(message, t_receive_ns)
+            t_gps_ns = message.t_gps_ns(self._books.time_base.near(t_receive_ns))
+            self._keep(self._assembler.receive(message, t_gps_ns, t_receive_ns))
+
+    def _tell_channels(self, message: Observations, t_receive_ns: int) -> None:
+        """GLONASS phases need their channel: where the message does not tell it, an ephemeris does."""
+        if message.system is not System.GLONASS or self._assembler is None:
+            return
+        for satellite in message.satellite[message.glonass_channel == UNKNOWN_CHANNEL].tolist():
+            channel = self._books.ephemerides.glonass_channel(satellite, t_receive_ns)
+            if channel != UNKNOWN_CHANNEL:
+                self._assembler.learn_channel(satellite, channel)
+
+    def _keep(self, epochs: list[Epoch]) -> None:
+        book = self._books.bases.setdefault(self.stream, BaseBook())
+        for epoch in epochs:
+            book.add(epoch)
+
+    def _describe(self, message: Message, t_receive_ns: int) -> None:
+        description = describe(self._description, message)
+        if description != self._description:
+            self._description = description
+            self._books.bases.setdefault(self.stream, BaseBook()).describe(description, t_receive_ns)
 
     @property
     def counters(self) -> dict[str, int]:
         """What was not used, by reason."""
-        return self._decoder.counters
+        of_base = self._assembler.counters if self._assembler is not None else {}
+        return self._decoder.counters | dict(of_base)
