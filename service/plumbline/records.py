@@ -337,6 +337,7 @@ class Solution:
     correction_age_s: float | None = None
     pdop: float | None = None
     extras: Mapping[str, float] = field(default_factory=dict)
+    noise_enu_m2: Floats | None = None  # (3, 3) the part of the covariance that is new in this epoch; None: all of it
 
 
 @dataclass(frozen=True, slots=True)

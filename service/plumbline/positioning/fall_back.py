@@ -23,7 +23,7 @@ def enough(pairs: Records) -> bool:
 def fall_back(state: PppState, inputs: Inputs, source: SatelliteSource) -> tuple[PppState, Solution]:
     """The epoch without the filter; where it has begun, its arcs are kept up so that its ambiguities survive."""
     epoch = inputs.epoch
-    pairs = pairs_of(epoch, source, state.arcs, precise=False)
+    pairs = pairs_of(epoch, source, state.arcs, precise=False, systems=inputs.settings.systems)
     states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
     solution = _point(state, inputs, pairs, states)
     if state.t_gps_ns is None:

@@ -1,11 +1,10 @@
 """All that an epoch needs before the filter sees it: signal pairs, satellites, the model of what they measure."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
 from plumbline.config import PositioningSettings
 from plumbline.constants import SPEED_OF_LIGHT_M_S
@@ -18,12 +17,12 @@ from plumbline.gps_time import gps_minus_utc_s
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.ppp_model import model_rows
 from plumbline.positioning.ppp_noise import Tuning
-from plumbline.positioning.preprocess import signal_pairs
+from plumbline.positioning.preprocess import signal_pairs, wanted_systems
 from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
 from plumbline.positioning.spp import PointSolution, single_point
 from plumbline.positioning.state import Records
 from plumbline.records import UNKNOWN_CHANNEL, Epoch, Floats
-from plumbline.signals import SATELLITES_PER_SYSTEM, System, system_of_letter
+from plumbline.signals import SATELLITES_PER_SYSTEM, SYSTEM_LETTERS, System
 
 _CODE_SIGMA_M: Final = 1.0  # of an ionosphere-free code at the zenith
 _ONE_FREQUENCY_SIGMA_M: Final = 6.0  # the ionosphere is not modelled
@@ -59,18 +58,9 @@ class Site:
     sun_ecef_m: Floats  # (3,)
 
 
-@lru_cache(maxsize=64)
-def _wanted(systems: str) -> NDArray[np.bool_]:
-    """Whether a system number is among RINEX letters, (systems,)."""
-    wanted = np.zeros(len(System), np.bool_)
-    for letter in systems:
-        wanted[system_of_letter(letter)] = True
-    return wanted
-
-
 def select_rows(epoch: Epoch, systems: str) -> Epoch:
     """The epoch with the rows of the systems asked for alone."""
-    keep = _wanted(systems)[epoch.satellite // SATELLITES_PER_SYSTEM]
+    keep = wanted_systems(systems)[epoch.satellite // SATELLITES_PER_SYSTEM]
     if keep.all():
         return epoch
     return Epoch(
@@ -81,30 +71,38 @@ def select_rows(epoch: Epoch, systems: str) -> Epoch:
     )  # fmt: skip
 
 
-def pairs_of(epoch: Epoch, source: SatelliteSource, arcs: Records, *, precise: bool) -> Records:
-    """Signal pairs of an epoch with the biases of the precise or the broadcast clocks."""
+def pairs_of(
+    epoch: Epoch, source: SatelliteSource, arcs: Records, *, precise: bool, systems: str = SYSTEM_LETTERS
+) -> Records:
+    """Signal pairs of an epoch's wanted systems, with the biases of the precise or the broadcast clocks."""
     channel = epoch.glonass_channel
     if (channel == UNKNOWN_CHANNEL).any():
         known = source.glonass_channels(epoch.t_receive_ns, epoch.satellite)
         channel = np.where(channel == UNKNOWN_CHANNEL, known, channel).astype(np.int8)
     biases = source.biases(epoch.t_gps_ns, epoch.t_receive_ns, epoch.satellite, epoch.signal, precise=precise)
-    return signal_pairs(epoch, channel, biases, arcs)
+    return signal_pairs(epoch, channel, biases, arcs, systems)
 
 
 def site_of(marker_ecef_m: Floats, facts: StationFacts, t_gps_ns: int) -> Site:
     """Where the antenna reference point is at an instant, solid Earth tide and ocean loading (where given) added."""
-    place = geodetic_from_ecef(marker_ecef_m)
-    rotation = rotation_enu_from_ecef(place[0], place[1])
     leap_s = float(gps_minus_utc_s(t_gps_ns))
-    sun, moon = sun_moon_ecef(t_gps_ns, leap_s)
+    place, rotation, sun, tide_m = _place(marker_ecef_m, t_gps_ns, leap_s)
     offset_enu = np.array(facts.antenna_offset_enu_m)
     if facts.ocean_loading is not None:
         offset_enu += ocean_loading_enu_m(
             facts.ocean_loading.amplitude_m, facts.ocean_loading.phase_rad, t_gps_ns, leap_s
         )  # fmt: skip
-    tide_m = solid_earth_tide_ecef_m(marker_ecef_m, sun, moon, t_gps_ns, leap_s)
-    point = marker_ecef_m + rotation.T @ offset_enu + tide_m
+    point = marker_ecef_m + offset_enu @ rotation + tide_m
     return Site(point, rotation, troposphere_site(place[0], place[1], place[2], t_gps_ns), sun)
+
+
+@njit(cache=True)
+def _place(marker_ecef_m: Floats, t_gps_ns: int, leap_s: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Geodetic coordinates, rotation to east, north, up, the Sun and the solid Earth tide (3,) of a place."""
+    place = geodetic_from_ecef(marker_ecef_m)
+    sun, moon = sun_moon_ecef(t_gps_ns, leap_s)
+    tide_m = solid_earth_tide_ecef_m(marker_ecef_m, sun, moon, t_gps_ns, leap_s)
+    return place, rotation_enu_from_ecef(place[0], place[1]), sun, tide_m
 
 
 def model_of(

@@ -13,9 +13,10 @@ from plumbline.config import PositioningSettings
 from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET
 from plumbline.positioning import ppp_filter
 from plumbline.positioning.beidou_codes import correct_beidou_codes
+from plumbline.positioning.epoch_noise import epoch_noise_enu_m2
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.fall_back import enough, fall_back
-from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, select_rows, site_of
+from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, site_of
 from plumbline.positioning.ppp_model import keep_wind_up
 from plumbline.positioning.ppp_noise import tuning_of
 from plumbline.positioning.reasons import missing_systems
@@ -66,12 +67,9 @@ def step_with_quality(
     """As :func:`step`, with what the test of the observations saw (None where the filter was not updated)."""
     if state.t_last_epoch_ns is not None and epoch.t_gps_ns <= state.t_last_epoch_ns:
         return state, no_position(epoch, facts, Status.REJECTED, "epoch is not newer than the one before"), None
-    epoch = select_rows(epoch, settings.systems)
-    if epoch.satellite.size == 0:
-        return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no observations of the systems wanted"), None
-    pairs = pairs_of(epoch, source, state.arcs, precise=True)
+    pairs = pairs_of(epoch, source, state.arcs, precise=True, systems=settings.systems)
     if pairs.size == 0:
-        return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no usable pseudoranges"), None
+        return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no codes of the systems wanted"), None
     states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
     missing = missing_systems(settings.systems, pairs, states)
     inputs = Inputs(epoch, pairs, states, settings, facts, tuning_of(settings), missing)
@@ -155,26 +153,39 @@ def _finish(
     state: PppState, inputs: Inputs, site: Site, rows: Records, quality: EpochQuality, new_ambiguities: int
 ) -> tuple[PppState, Solution, EpochQuality]:
     """The solution of an updated filter, and what the state remembers of it."""
-    epoch, facts = inputs.epoch, inputs.facts
-    sigma_m = float(np.sqrt(np.trace(state.p[POSITION, POSITION])))
-    limit_m = inputs.settings.converged_sigma_m * (1.0 if state.t_converged_gps_ns is None else _STAY_CONVERGED)
-    converged = sigma_m <= limit_m
-    if converged and state.t_converged_gps_ns is None:
-        x, y, z = state.x[POSITION].tolist()
-        reference = state.reference_position_ecef_m or (x, y, z)
-        state = replace(state, t_converged_gps_ns=epoch.t_gps_ns, reference_position_ecef_m=reference)
-    seen = np.unique(quality.kind[quality.used] // 2)
+    covariance: Floats = site.rotation_enu @ state.p[POSITION, POSITION] @ site.rotation_enu.T
+    noise = epoch_noise_enu_m2(
+        site.rotation_enu, quality.design, quality.variance_m2, quality.kind, quality.used, state.phase_scale,
+        state.covariance_enu_m2, covariance,
+    )  # fmt: skip
+    state, status = _judged(state, inputs, covariance)
+    seen = sorted({kind // 2 for kind in quality.kind[quality.used].tolist()})
+    systems = inputs.pairs["system"][seen]
     oldest_s = float(np.fmax.reduce(inputs.states.age_s[seen]))
-    age_s = None if np.isnan(oldest_s) else oldest_s
     extras = {
         "nis": quality.nis,
         "degrees_of_freedom": float(quality.whitened.size),
-        "rejected_observations": float((~quality.used).sum()),
+        "rejected_observations": float(quality.used.size - quality.whitened.size),
         "new_ambiguities": float(new_ambiguities),
     }
     solution = precise_solution(
-        epoch, facts, state, Status.PPP_FLOAT if converged else Status.CONVERGING, inputs.missing, int(seen.size),
-        letters_of(inputs.pairs["system"][seen]), float(site.troposphere[ZENITH_HYDROSTATIC]), age_s,
-        ppp_filter.dilution(rows[seen], inputs.pairs["system"][seen]), extras,
+        inputs.epoch, inputs.facts, state, status, inputs.missing, len(seen), letters_of(systems), covariance, noise,
+        float(site.troposphere[ZENITH_HYDROSTATIC]), age_s=None if np.isnan(oldest_s) else oldest_s,
+        pdop=ppp_filter.dilution(rows[seen], systems), extras=extras,
     )  # fmt: skip
     return state, solution, quality
+
+
+def _judged(state: PppState, inputs: Inputs, covariance_enu_m2: Floats) -> tuple[PppState, Status]:
+    """Whether the position is as accurate as asked for; the first that is becomes the reference if none is given."""
+    settings = inputs.settings
+    limit_m = settings.converged_sigma_m * (1.0 if state.t_converged_gps_ns is None else _STAY_CONVERGED)
+    converged = float(np.trace(covariance_enu_m2)) <= limit_m**2
+    t_converged, reference = state.t_converged_gps_ns, state.reference_position_ecef_m
+    if converged and t_converged is None:
+        x, y, z = state.x[POSITION].tolist()
+        t_converged, reference = inputs.epoch.t_gps_ns, reference or (x, y, z)
+    state = replace(
+        state, covariance_enu_m2=covariance_enu_m2, t_converged_gps_ns=t_converged, reference_position_ecef_m=reference
+    )  # fmt: skip
+    return state, Status.PPP_FLOAT if converged else Status.CONVERGING

@@ -9,6 +9,7 @@ Ionosphere-free: ``α·1 − β·2`` with ``α = f₁²/(f₁² − f₂²)``, `
 Melbourne-Wübbena, ``φ₁ − φ₂ − (f₁P₁ + f₂P₂)/((f₁ + f₂) λ_w)``, cycles (Melbourne 1985; Wübbena 1985).
 """
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -26,7 +27,9 @@ from plumbline.signals import (
     N_SIGNALS,
     SATELLITES_PER_SYSTEM,
     SIGNALS_PER_SYSTEM,
+    SYSTEM_LETTERS,
     System,
+    system_of_letter,
 )
 
 PAIR_DTYPE: Final = np.dtype(
@@ -222,8 +225,8 @@ def _fill_pair(pair, i, j, k, m, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _pair_up(satellite, rows, arcs, pairs):  # type: ignore[no-untyped-def]
-    """Fill ``pairs`` (room for one a satellite); returns how many were made."""
+def _pair_up(satellite, rows, arcs, wanted_systems, pairs):  # type: ignore[no-untyped-def]
+    """Fill ``pairs`` (room for one a satellite) from the systems wanted; returns how many were made."""
     signal, code, phase, channel, code_bias = rows[0], rows[1], rows[2], rows[7], rows[8]
     code_cost, phase_cost = _code_costs(signal, code, code_bias), _phase_costs(signal, phase)
     made, first, arc = 0, 0, 0
@@ -231,12 +234,15 @@ def _pair_up(satellite, rows, arcs, pairs):  # type: ignore[no-untyped-def]
         last = first
         while last < satellite.size and satellite[last] == satellite[first]:
             last += 1
+        system = satellite[first] // SATELLITES_PER_SYSTEM
+        if not wanted_systems[system]:
+            first = last
+            continue
         while arc < arcs.size and arcs[arc].satellite < satellite[first]:
             arc += 1
         wanted = (np.int16(-1), np.int16(-1))
         if arc < arcs.size and arcs[arc].satellite == satellite[first]:
             wanted = (arcs[arc].signal_1, arcs[arc].signal_2)
-        system = satellite[first] // SATELLITES_PER_SYSTEM
         k, m = _phase_rows(first, last, system, wanted, signal, code_cost, phase_cost)
         if k >= 0:
             i, j = _codes_of(first, last, k, m, signal, code_cost)
@@ -250,11 +256,22 @@ def _pair_up(satellite, rows, arcs, pairs):  # type: ignore[no-untyped-def]
     return made
 
 
-def signal_pairs(epoch: Epoch, channel: NDArray[np.int8], biases: SignalBiases, arcs: Records) -> Records:
+@lru_cache(maxsize=64)
+def wanted_systems(letters: str) -> NDArray[np.bool_]:
+    """Whether a system number is among RINEX letters, (systems,)."""
+    wanted = np.zeros(len(System), np.bool_)
+    for letter in letters:
+        wanted[system_of_letter(letter)] = True
+    return wanted
+
+
+def signal_pairs(
+    epoch: Epoch, channel: NDArray[np.int8], biases: SignalBiases, arcs: Records, systems: str = SYSTEM_LETTERS
+) -> Records:
     """One record (``PAIR_DTYPE``) for each satellite with a usable code, ordered by satellite.
 
     ``channel`` (n,) are the GLONASS channels of the epoch's rows, ``biases`` those of its rows; a GLONASS satellite
-    without its channel gives none.
+    without its channel gives none, nor does one of a system that is not among the letters of ``systems``.
     """
     n = epoch.satellite.size
     pairs = np.zeros(n, PAIR_DTYPE)
@@ -263,4 +280,4 @@ def signal_pairs(epoch: Epoch, channel: NDArray[np.int8], biases: SignalBiases, 
         epoch.signal, epoch.pseudorange_m, epoch.carrier_phase_cycles, epoch.cn0_db_hz, epoch.lock_time_s,
         epoch.half_cycle_ambiguous, lost, channel, biases.code_m, biases.phase_m, biases.discontinuity,
     )  # fmt: skip
-    return pairs[: _pair_up(epoch.satellite, rows, arcs, pairs)]
+    return pairs[: _pair_up(epoch.satellite, rows, arcs, wanted_systems(systems), pairs)]

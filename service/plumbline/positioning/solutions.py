@@ -1,6 +1,7 @@
 """Solution records out of filter states and point solutions."""
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,12 +29,17 @@ def covariance_enu_m2(position_ecef_m: Floats, covariance_ecef_m2: Floats) -> Fl
     return rotation @ covariance_ecef_m2 @ rotation.T
 
 
+@lru_cache(maxsize=1024)
+def _rotation_of(reference: Vector3) -> Floats:
+    return rotation_at(np.array(reference))
+
+
 def displacement_enu_m(position_ecef_m: Floats, reference: Vector3 | None) -> Floats | None:
     """East, north, up from the reference position; None without one."""
     if reference is None:
         return None
     start = np.array(reference)
-    displacement: Floats = rotation_at(start) @ (position_ecef_m - start)
+    displacement: Floats = _rotation_of(reference) @ (position_ecef_m - start)
     return displacement
 
 
@@ -77,16 +83,18 @@ def receiver_clock_s(state: PppState) -> float | None:
 
 def precise_solution(
     epoch: Epoch, facts: StationFacts, state: PppState, status: Status, reason: str, n_satellites: int, systems: str,
-    zenith_hydrostatic_m: float, age_s: float | None, pdop: float | None, extras: Mapping[str, float],
+    covariance_m2: Floats, noise_m2: Floats | None, zenith_hydrostatic_m: float, *, age_s: float | None,
+    pdop: float | None, extras: Mapping[str, float],
 ) -> Solution:  # fmt: skip
-    """The filter's position after an update."""
+    """The filter's position after an update; covariance and its new part (3, 3) in east, north, up."""
     position = state.x[POSITION].copy()
     reference = facts.reference_position_ecef_m or state.reference_position_ecef_m
     return Solution(
         facts.station, epoch.t_gps_ns, epoch.t_receive_ns, status, reason, n_satellites,
         position_ecef_m=position,
         displacement_enu_m=displacement_enu_m(position, reference),
-        covariance_enu_m2=covariance_enu_m2(position, state.p[POSITION, POSITION]),
+        covariance_enu_m2=covariance_m2,
+        noise_enu_m2=noise_m2,
         systems=systems,
         zenith_delay_m=zenith_hydrostatic_m + float(state.x[ZENITH_DELAY]),
         receiver_clock_s=receiver_clock_s(state),

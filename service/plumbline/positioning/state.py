@@ -67,6 +67,7 @@ class PppState:
     p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))
     arcs: Records = field(default_factory=no_arcs)
     phase_jump_m: float = 0.0  # clock jumps that the receiver applied to the code alone, summed
+    covariance_enu_m2: Floats | None = None  # (3, 3) of the position after the last update
     phase_scale: float = 1.0  # how large the phases' w-statistics usually are
     rejected_in_a_row: int = 0  # epochs that quality control refused
     reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
