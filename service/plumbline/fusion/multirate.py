@@ -1,7 +1,8 @@
 """Wang 2023, eqs 1-8, live: GNSS displacements and inertial samples, each as it comes, to blocks of motion.
 
 State: displacement, velocity, baseline (eq. 1); the acceleration drives (eq. 3), a solution's displacement measures
-(eq. 2, with R its covariance at its epoch: r/t_d). The three axes meet only in the covariance of the solution.
+(eq. 2, with R the covariance of what is new in it at its epoch: r/t_d). The three axes meet only in the covariance of
+the solution.
 
 A solution belongs to its own time. If the samples have passed it, the second it lies in and all after it are run
 again from the node kept at that second's entry, so the outcome is the one of an input in order. Blocks are published
@@ -166,7 +167,8 @@ def _why_not(state: FusionState, solution: Solution) -> str:
 
 
 def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
-    covariance = np.array(solution.covariance_enu_m2)
+    total = np.array(solution.covariance_enu_m2)
+    covariance = total if solution.noise_enu_m2 is None else np.array(solution.noise_enu_m2)
     if settings.displacement_sigma_m is not None:
         covariance = np.diag(np.array(settings.displacement_sigma_m) ** 2)
     return Measurement(
@@ -174,6 +176,7 @@ def _measurement(solution: Solution, settings: FusionSettings) -> Measurement:
         solution.t_receive_ns,
         np.array(solution.displacement_enu_m),
         0.5 * (covariance + covariance.T),
+        total.diagonal().copy(),
         solution.status,
     )
 

@@ -231,7 +231,7 @@ def _accept(f: _Filter, m: Measurement) -> None:
         f.node,
         t_solution_gps_ns=m.t_gps_ns,
         solution_status=m.status,
-        solution_variance_m2=m.covariance_enu_m2.diagonal().copy(),
+        solution_variance_m2=m.variance_enu_m2,
         refusals=0,
         refusal="",
     )

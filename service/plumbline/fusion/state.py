@@ -49,7 +49,8 @@ class Measurement:
     t_gps_ns: int
     t_receive_ns: int
     displacement_enu_m: Floats  # (3,)
-    covariance_enu_m2: Floats  # (3, 3)
+    covariance_enu_m2: Floats  # (3, 3) of the part that is new in this epoch: what the update weighs it by
+    variance_enu_m2: Floats  # (3,) of all of its error
     status: Status
     processed: bool = False  # its innovation has been reported
 
