@@ -100,11 +100,11 @@ def test_every_epoch_has_a_position_and_claims_what_it_reaches(kinematic):
 
 
 def test_a_static_antenna_is_quieter_from_epoch_to_epoch(esbc, kinematic):
-    """Oracle: the kinematic run's steps, a tenth of them at most; and the published position in the end."""
+    """Oracle: the kinematic run's steps, a quarter of them at most; and the published position in the end."""
     epochs, source, facts, _ = esbc
     static = _run(epochs[:720], source, facts, PositioningSettings(systems="GE", motion="static"))
     steps = [np.diff(_series(run)[1][120:720], axis=0).std(axis=0) for run in (static, kinematic)]
-    assert np.all(steps[0] < 0.1 * steps[1])
+    assert np.all(steps[0] < 0.25 * steps[1])
     assert np.all(np.abs(static[-1].displacement_enu_m) < [0.02, 0.01, 0.05])
 
 
