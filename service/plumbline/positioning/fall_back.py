@@ -24,7 +24,7 @@ def fall_back(state: PppState, inputs: Inputs, source: SatelliteSource) -> tuple
     """The epoch without the filter; where it has begun, its arcs are kept up so that its ambiguities survive."""
     epoch = inputs.epoch
     pairs = pairs_of(epoch, source, state.arcs, precise=False, systems=inputs.settings.systems)
-    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
+    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"].copy(), pairs["range_m"].copy())
     solution = _point(state, inputs, pairs, states)
     if state.t_gps_ns is None:
         return replace(state, t_last_epoch_ns=epoch.t_gps_ns), solution

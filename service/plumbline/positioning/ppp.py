@@ -70,7 +70,7 @@ def step_with_quality(
     pairs = pairs_of(epoch, source, state.arcs, precise=True, systems=settings.systems)
     if pairs.size == 0:
         return state, no_position(epoch, facts, Status.NO_OBSERVATIONS, "no codes of the systems wanted"), None
-    states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"], pairs["range_m"])
+    states = source.precise(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"].copy(), pairs["range_m"].copy())
     missing = missing_systems(settings.systems, pairs, states)
     inputs = Inputs(epoch, pairs, states, settings, facts, tuning_of(settings), missing)
     if not enough(pairs[(states.cause == Cause.USABLE) & (pairs["frequency_2_hz"] > 0.0)]):

@@ -278,6 +278,7 @@ def signal_pairs(
     lost = epoch.loss_of_lock if epoch.loss_of_lock is not None else np.zeros(n, np.bool_)
     rows = (
         epoch.signal, epoch.pseudorange_m, epoch.carrier_phase_cycles, epoch.cn0_db_hz, epoch.lock_time_s,
-        epoch.half_cycle_ambiguous, lost, channel, biases.code_m, biases.phase_m, biases.discontinuity,
+        epoch.half_cycle_ambiguous, lost, channel, biases.code_m, biases.phase_m,
+        np.ascontiguousarray(biases.discontinuity),
     )  # fmt: skip
     return pairs[: _pair_up(epoch.satellite, rows, arcs, wanted_systems(systems), pairs)]

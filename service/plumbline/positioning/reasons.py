@@ -25,7 +25,10 @@ def _age_text(ages_s: Sequence[float], limit_s: float) -> str:
     if not known:
         return ""
     limit = f", limit {limit_s:.0f} s" if np.isfinite(limit_s) else ""
-    return f": last {min(known):.0f} s ago{limit}"
+    nearest_s = min(known, key=abs)
+    return (
+        f": last {nearest_s:.0f} s ago{limit}" if nearest_s >= 0.0 else f": the next is {-nearest_s:.0f} s ahead{limit}"
+    )
 
 
 _TEXTS: Final[dict[Cause, str]] = {

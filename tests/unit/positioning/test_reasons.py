@@ -39,6 +39,12 @@ def test_a_system_that_is_missing_is_named_with_age_and_limit():
     )
 
 
+def test_corrections_from_the_future_are_told_as_such():
+    """Oracle: the sign of the age: streams that were recorded with different clocks."""
+    text = cause_text(Cause.CORRECTIONS_TOO_OLD, "GPS", [-41.0, -50.0, np.nan], 30.0)
+    assert text == "no corrections for GPS: the next is 41 s ahead, limit 30 s"
+
+
 def test_some_missing_satellites_are_no_reason_but_most_are():
     """Oracle: the counts."""
     third = _states([Cause.ISSUE_MISMATCH, 0, 0])
