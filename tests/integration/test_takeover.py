@@ -209,6 +209,7 @@ def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, dat
         server = serve(CONFIG.format(extra=""))
         server.wait_for(functools.partial(ready, server.http))
         asyncio.run(send(device, server.ingest_port, packets, begin, end, pause_s=0.0))
+        time.sleep(QUIET_S)
         assert server.stop() == 0, server.log
         assert "Traceback" not in server.log, server.log
         assert_all_archived(server.data_dir, packets, end)

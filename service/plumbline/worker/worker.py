@@ -96,7 +96,8 @@ class Worker:
             async with asyncio.timeout(0.25):
                 await self._inbox_ready()
         self._take_in()
-        if self._unsettled and self._workers and time.monotonic() - self._changed_at_s > SETTLE_S:
+        settled = time.monotonic() - self._changed_at_s > SETTLE_S
+        if self._unsettled and self._workers and (settled or self._must_restart):
             await self._settle()
         while self._process() and not self._stopping:
             await asyncio.sleep(0)
@@ -360,6 +361,8 @@ class Worker:
     def _process(self) -> bool:
         """Process what may be; True when there may be more at once."""
         n = 0
+        if self._must_restart:
+            return False  # whatever is at hand will be computed again, from the right state
         for chunk in self._merger.release(CHUNKS_AT_A_TIME):
             n += 1
             if chunk.station in self._books:
@@ -372,8 +375,8 @@ class Worker:
     def _station_chunk(self, chunk: Chunk) -> bool:
         """Process a station's chunk; False when the books are too far ahead of it, so that all must begin again."""
         if chunk.t_receive_ns < self._books.fed_ns - BOOKS_HISTORY_NS:
-            self._must_restart = True
-            self._disturb()
+            log.info("the books are ahead of %s: beginning again", chunk.station)
+            self._must_restart = self._unsettled = True
             return False
         runner = self._runners.get(chunk.station)
         if runner is not None:
