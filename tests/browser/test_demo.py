@@ -55,7 +55,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, float]
         yield address, time.monotonic()
         assert process.poll() is None, (folder / "log").read_text()
     finally:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
         process.wait(timeout=60)
     assert "Traceback" not in (folder / "log").read_text()
 

@@ -153,7 +153,8 @@ async def _run(
 ) -> None:
     """Simulate until the time is over, a signal comes, or the server ends."""
     simulation = asyncio.create_task(run_live(scenario, options, duration_s))
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, simulation.cancel)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, simulation.cancel)
     while not simulation.done() and server.poll() is None:
         await asyncio.wait({simulation}, timeout=0.5)
     if server.poll() is not None:
