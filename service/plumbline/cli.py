@@ -1,4 +1,4 @@
-"""The command line: serve, process, inspect."""
+"""The command line: serve, process, simulate, evaluate, inspect."""
 
 import argparse
 import re
@@ -14,6 +14,7 @@ from tqdm import tqdm
 from plumbline import __version__
 from plumbline.config import AntennaMotion, Mode, read_server_settings
 from plumbline.errors import PlumblineError
+from plumbline.evaluation import command as evaluation
 from plumbline.gps_time import gps_ns_from_unix_ns
 
 _NEGATIVE_VECTOR = re.compile(r"-[\d.]+(e-?\d+)?,")
@@ -42,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_serve(commands.add_parser("serve", help="run the server"))
     _add_process(commands.add_parser("process", help="run a station's pipeline over files"))
+    simulate = commands.add_parser("simulate", help="make an experiment whose truth is known")
+    evaluation.add_simulate(simulate, lambda arguments: main(["process", *arguments]))
+    evaluation.add_evaluate(commands.add_parser("evaluate", help="compare results with the truth"))
     inspect = commands.add_parser("inspect", help="say what is in RTCM3 files")
     inspect.add_argument("files", nargs="+", type=Path, metavar="FILE")
     inspect.add_argument("--json", action="store_true", help="one JSON object a file")

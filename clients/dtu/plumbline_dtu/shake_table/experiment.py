@@ -82,10 +82,10 @@ class Levels:
     that is fitted: scheme G1 has to come out at the paper's 3.9 mm.
     """
 
-    phase_m: float = 0.0016
+    phase_m: float = 0.0014
     code_m: float = 0.25
     range_rate_m_s: float = 0.03
-    platform_reflection: float = 0.30  # of the direct signal's amplitude at the horizon, root mean square
+    platform_reflection: float = 0.52  # of the direct signal's amplitude at the horizon, root mean square
     base_reflection: float = 0.12
     clock_s: float = 3e-8
 

@@ -36,6 +36,7 @@ _LOCKED_BEFORE_S: Final = 300.0  # the receivers had been on when the recording 
 _DESCRIPTION_INTERVAL_S: Final = 10
 _EPHEMERIS_INTERVAL_S: Final = 60
 _AMBIGUITIES: Final = 1000  # cycles either way
+_NOT_LOCKED: Final = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,7 @@ def receive(experiment: Experiment, station: int) -> Iterator[tuple[int, bytes]]
     place_seed = [experiment.seed, 21, int(station == BASE)]  # the platform's antennas share its surroundings
     around = surroundings(len(satellites.satellite), reflection, place_seed)
     random = np.random.default_rng([experiment.seed, 22, station])
-    since_ns: dict[int, int] = {}
+    since_ns = np.full(len(satellites.satellite), _NOT_LOCKED, np.int64)
     n_seconds = round(experiment.schedule.duration_s)
     for second in range(n_seconds):
         times = START_GPS_NS + second * NS_PER_S + _STEP_NS * np.arange(GNSS_RATE_HZ, dtype=np.int64)
@@ -150,7 +151,7 @@ def _errors(
 
 def _epochs(
     station: int, times: Ints, satellites: _Satellites, seen: Sight, clock_s: Floats, clock_rate: Floats,
-    errors: _Errors, since_ns: dict[int, int],
+    errors: _Errors, since_ns: Ints,
 ) -> Iterator[Epoch]:  # fmt: skip
     """The epochs of a second; ``since_ns`` keeps since when each satellite is locked."""
     waves = clock_wave_s(satellites.satellite[None, :], times[:, None])
@@ -174,18 +175,20 @@ def _epochs(
             carrier_phase_cycles=phase[e, at],
             doppler_hz=doppler[e, at],
             cn0_db_hz=cn0[e, at],
-            lock_time_s=_lock_times(since_ns, t_ns, at),
+            lock_time_s=_lock_times(since_ns, t_ns, up[e])[at],
             half_cycle_ambiguous=np.zeros(len(at), bool),
             glonass_channel=np.zeros(len(at), np.int8),
             antenna=station,
         )
 
 
-def _lock_times(since_ns: dict[int, int], t_ns: int, at: Ints) -> Floats:
-    for k in [k for k in since_ns if k not in at]:
-        del since_ns[k]
-    first_ns = START_GPS_NS - round(_LOCKED_BEFORE_S * NS_PER_S) if t_ns == START_GPS_NS else t_ns
-    return np.array([(t_ns - since_ns.setdefault(int(k), first_ns)) / NS_PER_S for k in at])
+def _lock_times(since_ns: Ints, t_ns: int, up: Booleans) -> Floats:
+    """Seconds of lock (s,); satellites that are not up lose theirs."""
+    since_ns[~up] = _NOT_LOCKED
+    before_ns = round(_LOCKED_BEFORE_S * NS_PER_S) if t_ns == START_GPS_NS else 0
+    since_ns[up & (since_ns == _NOT_LOCKED)] = t_ns - before_ns
+    times: Floats = (t_ns - since_ns) / NS_PER_S
+    return times
 
 
 def _head(experiment: Experiment, station: int, satellites: _Satellites, up: Booleans, second: int) -> bytes:
