@@ -1,14 +1,15 @@
 """RINEX observations and navigation, SP3 and clocks → the RTCM3 streams that a receiver and a correction service send.
 
 ``observations.rtcm3``: 1006, 1008, 1033, ephemerides and MSM7, as a receiver sends them. ``corrections.rtcm3`` (where
-precise products are given): ephemerides and SSR orbits, clocks and code biases. ``streams.json`` says what is in them;
-above all the reference point of the orbits, which both sides must treat alike: ``centre_of_mass`` without ANTEX (SP3 as
-it is: `plumbline process` without ``--antex`` does the same), ``antenna_phase_centre`` with it.
+precise products are given): ephemerides and SSR orbits, clocks and code biases; phase biases too where the clock file
+has wide-lane biases, as integer-recovery clocks do. ``streams.json`` says what is in them; above all the reference
+point of the orbits, which both sides must treat alike: ``centre_of_mass`` without ANTEX (SP3 as it is: `plumbline
+process` without ``--antex`` does the same), ``antenna_phase_centre`` with it.
 """
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -33,6 +34,7 @@ from plumbline_dtu.corrections import (
     EphemerisShelf,
     OffsetOf,
     corrections_at,
+    integer_phase_biases,
     phase_centre_offsets,
     zero_code_biases,
 )
@@ -207,11 +209,13 @@ class _Service:
     """Writes what a correction service sends."""
 
     tables: PreciseTables
+    wide_lane_cycles: Mapping[int, float]  # by satellite id, where the clocks are integer-recovery clocks
     ephemerides: _Ephemerides
     offset_of: OffsetOf | None
     interval_s: int
     counts: Counter[str]
     next_ns: int
+    biased: set[int] = field(default_factory=set)  # satellites that had biases when those were last sent
 
     @classmethod
     def create(
@@ -226,8 +230,10 @@ class _Service:
         if not conversion.orbits:
             return None
         orbits, clocks = read_sp3(conversion.orbits)
+        wide_lane_cycles: Mapping[int, float] = {}
         if conversion.clocks:
-            clocks = read_clocks(conversion.clocks).clocks
+            files = read_clocks(conversion.clocks)
+            clocks, wide_lane_cycles = files.clocks, files.wide_lane_cycles
         offset_of = None
         if conversion.antex is not None:
             book = build_antenna_book(read_antex(conversion.antex), t_first_gps_ns, None)
@@ -235,7 +241,7 @@ class _Service:
         step_ns = interval_s * NS_PER_S
         shelf = _Ephemerides(EphemerisShelf(ephemerides))
         next_ns = t_first_gps_ns // step_ns * step_ns
-        return cls(build_tables(orbits, clocks), shelf, offset_of, interval_s, counts, next_ns)
+        return cls(build_tables(orbits, clocks), wide_lane_cycles, shelf, offset_of, interval_s, counts, next_ns)
 
     def write_until(self, t_gps_ns: int, file: BinaryIO) -> None:
         """Everything up to and including a time."""
@@ -255,9 +261,17 @@ class _Service:
                 continue
             file.writelines(correction_frames(correction.orbit))
             file.writelines(correction_frames(correction.clock))
-            if t_gps_ns // NS_PER_S % _BIAS_INTERVAL_S == 0 or not self.counts[f"corrections of {system.name}"]:
-                file.writelines(correction_frames(zero_code_biases(header, correction.orbit.satellite.tolist())))
+            satellites = correction.orbit.satellite.tolist()
+            if t_gps_ns // NS_PER_S % _BIAS_INTERVAL_S == 0 or not self.biased.issuperset(satellites):
+                self._write_biases(header, satellites, file)
+                self.biased = self.biased.difference(own).union(satellites)
             self.counts[f"corrections of {system.name}"] += len(correction.orbit.satellite)
+
+    def _write_biases(self, header: SsrHeader, satellites: list[int], file: BinaryIO) -> None:
+        phase_biases = integer_phase_biases(header, satellites, self.wide_lane_cycles)
+        self.counts["phase biases"] += len(phase_biases.signal)
+        file.writelines(correction_frames(zero_code_biases(header, satellites)))
+        file.writelines(correction_frames(phase_biases))
 
 
 def _summary(
@@ -266,7 +280,8 @@ def _summary(
     streams: dict[str, Any] = {"observations.rtcm3": {"carries": "1006, 1008, 1033, ephemerides, MSM7"}}
     if interval_s is not None:
         streams["corrections.rtcm3"] = {
-            "carries": "ephemerides, SSR orbits, clocks, code biases of the clocks' reference signals",
+            "carries": "ephemerides, SSR orbits, clocks, code biases of the clocks' reference signals"
+            + (", phase biases" if counts["phase biases"] else ""),
             "reference_point": "centre_of_mass" if conversion.antex is None else "antenna_phase_centre",
             "interval_s": interval_s,
         }

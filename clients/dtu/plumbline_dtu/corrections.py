@@ -20,7 +20,17 @@ from plumbline.gnss.satellite_states import precise_states
 from plumbline.gnss.ssr_orbits import rotation_ecef_from_rac
 from plumbline.gnss.sun_moon import sun_moon_ecef
 from plumbline.gps_time import NS_PER_S, gps_minus_utc_s
-from plumbline.records import Ephemeris, Floats, Ints, SatelliteIds, SsrClock, SsrCodeBias, SsrHeader, SsrOrbit
+from plumbline.records import (
+    Ephemeris,
+    Floats,
+    Ints,
+    SatelliteIds,
+    SsrClock,
+    SsrCodeBias,
+    SsrHeader,
+    SsrOrbit,
+    SsrPhaseBias,
+)
 from plumbline.signals import BAND_FREQUENCIES_HZ, System, signal_id, system_of
 
 #: Signals that analysis centres' clocks refer to: sent with a bias of zero (as `positioning.precise_source` has it).
@@ -31,6 +41,13 @@ REFERENCE_SIGNALS: Final[dict[System, tuple[str, ...]]] = {
     System.BEIDOU: ("2I", "6I"),
     System.QZSS: ("1C", "2L"),
 }
+#: The phases that integer clocks and their wide-lane biases are made of, by band (GPS L1 and L2 P(Y) have one bias
+#: whether L1 is tracked by P(Y) or by C/A: RINEX aligns their phases).
+INTEGER_PHASES: Final[dict[System, tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    System.GPS: (("1C", "1W"), ("2W",)),
+    System.GALILEO: (("1C", "1X"), ("5Q", "5X")),
+}
+_WIDE_LANE_GROUP: Final = 2  # the indicator's "group one": all signals of a satellite form one group
 _BANDS: Final = {
     System.GPS: (1, 2), System.GLONASS: (1, 2), System.GALILEO: (1, 5), System.BEIDOU: (2, 6), System.QZSS: (1, 2),
 }  # fmt: skip
@@ -165,3 +182,40 @@ def zero_code_biases(header: SsrHeader, satellites: Iterable[int]) -> SsrCodeBia
     ]
     ids = np.array(pairs, np.int16).reshape(-1, 2)
     return SsrCodeBias(header, ids[:, 0].copy(), ids[:, 1].copy(), np.zeros(len(pairs)))
+
+
+def integer_phase_biases(
+    header: SsrHeader, satellites: Iterable[int], wide_lane_cycles: Mapping[int, float]
+) -> SsrPhaseBias:
+    """Phase biases that make ambiguities integers with integer-recovery clocks, of the satellites with a wide lane.
+
+    Such clocks (Loyer and others, 2012, J. Geodesy 86) hold the phase biases' ionosphere-free part: narrow lanes are
+    integers as they are, so the biases b₁, b₂ (m, added) must leave that combination alone, f₁² b₁ = f₂² b₂. The wide
+    lane's satellite bias w is added to Melbourne-Wübbena: b₁/λ₁ − b₂/λ₂ = w with the reference codes' biases zero. So
+
+        b₁ = −w λ_w f₂/f₁,  b₂ = −w λ_w f₁/f₂,  λ_w = c/(f₁ − f₂).
+
+    They are constants of a satellite: the discontinuity counter stays zero. Yaw is sent as zero: no attitude is known.
+    """
+    rows = []
+    for satellite in satellites:
+        system = system_of(satellite)
+        if satellite not in wide_lane_cycles or system not in INTEGER_PHASES:
+            continue
+        f1, f2 = (BAND_FREQUENCIES_HZ[system][str(band)] for band in _BANDS[system])
+        wide_lane_m = wide_lane_cycles[satellite] * SPEED_OF_LIGHT_M_S / (f1 - f2)
+        for codes, bias_m in zip(INTEGER_PHASES[system], (-wide_lane_m * f2 / f1, -wide_lane_m * f1 / f2), strict=True):
+            rows += [(satellite, signal_id(system, code), bias_m) for code in codes]
+    n = len(rows)
+    return SsrPhaseBias(
+        header,
+        satellite=np.array([row[0] for row in rows], np.int16),
+        signal=np.array([row[1] for row in rows], np.int16),
+        bias_m=np.array([row[2] for row in rows], np.float64),
+        integer=np.ones(n, np.bool_),
+        wide_lane_integer=np.full(n, _WIDE_LANE_GROUP, np.int64),
+        discontinuity=np.zeros(n, np.int64),
+        yaw_angle_rad=np.zeros(n),
+        yaw_rate_rad_s=np.zeros(n),
+        mw_consistent=True,
+    )

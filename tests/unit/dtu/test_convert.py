@@ -19,7 +19,7 @@ from plumbline.gnss.orbits_precise import build_tables
 from plumbline.gnss.satellite_states import corrected_at_transmission, precise_at_transmission
 from plumbline.gnss.ssr_orbits import pack_correction
 from plumbline.gps_time import NS_PER_S
-from plumbline.records import Ephemeris, SsrClock, SsrCodeBias, SsrOrbit
+from plumbline.records import Ephemeris, SsrClock, SsrCodeBias, SsrOrbit, SsrPhaseBias
 from plumbline.rtcm3 import Message, Observations, decode, scan_frames
 from plumbline.signals import System, carrier_frequency_hz, system_of
 from plumbline_dtu.convert import Conversion, convert
@@ -105,9 +105,10 @@ def corrections_in_force(path: Path, t_near_ns: int) -> Any:
                 orbits[system_of(int(correction.satellite[0]))] = correction
             elif isinstance(correction, SsrClock):
                 yield ephemerides, orbits[system_of(int(correction.satellite[0]))], correction
-            else:
-                assert isinstance(correction, SsrCodeBias)
+            elif isinstance(correction, SsrCodeBias):
                 assert not correction.bias_m.any()
+            else:
+                assert isinstance(correction, SsrPhaseBias)
 
 
 def test_corrections_give_the_products_back(products: dict[str, Any], converted: Path) -> None:
