@@ -25,7 +25,7 @@ from plumbline.records import Solution
 from plumbline.store import Store
 from plumbline.worker.replay import replay_archive
 
-pytestmark = [pytest.mark.realdata, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(240)]
 
 CONFIG = """
 http_host = "127.0.0.1"
@@ -209,7 +209,9 @@ def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, dat
         server = serve(CONFIG.format(extra=""))
         server.wait_for(functools.partial(ready, server.http))
         asyncio.run(send(device, server.ingest_port, packets, begin, end, pause_s=0.0))
-        time.sleep(QUIET_S)
+        if end == PACKETS:
+            server.wait_for(functools.partial(all_consumed, server.data_dir))
+            time.sleep(QUIET_S)
         assert server.stop() == 0, server.log
         assert "Traceback" not in server.log, server.log
         assert_all_archived(server.data_dir, packets, end)
