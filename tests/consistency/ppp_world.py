@@ -61,6 +61,7 @@ class Sky:
     systems: tuple = (System.GPS, System.GALILEO)
     cause: dict = field(default_factory=dict)  # system -> Cause of all its satellites
     age_s: float = np.nan
+    only: set | None = None  # satellites that have corrections; None: all
     satellites: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -83,6 +84,8 @@ class Sky:
 
     def precise(self, t_gps_ns, t_receive_ns, satellite, range_m):
         cause = np.array([self.cause.get(system_of(int(s)), Cause.USABLE) for s in satellite], np.int8)
+        if self.only is not None:
+            cause[[int(s) not in self.only for s in satellite]] = Cause.NO_CORRECTIONS
         return self._states(t_gps_ns, satellite, range_m, cause)
 
     def broadcast(self, t_gps_ns, t_receive_ns, satellite, range_m):

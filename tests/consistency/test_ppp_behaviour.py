@@ -11,11 +11,12 @@ from plumbline.gnss.troposphere import ZENITH_WET
 from plumbline.positioning.gather import site_of
 from plumbline.positioning.ppp import step
 from plumbline.positioning.satellites import Cause
-from plumbline.positioning.state import initial_state
+from plumbline.positioning.solutions import rotation_at
+from plumbline.positioning.state import N_CORE, initial_state
 from plumbline.records import Status
 from plumbline.signals import FREQUENCY_HZ, System
 
-from .ppp_world import MARKER_M, T0_NS, Receiver, Sky, settings_of
+from .ppp_world import MARKER_M, T0_NS, Receiver, Sky, orbit, settings_of
 
 
 def _drive(receiver, sky, settings, epochs, state=None, change=lambda epoch: epoch):
@@ -171,6 +172,24 @@ def test_without_any_corrections_a_single_point_and_then_no_reconvergence(settle
     state, solution = step(state, receiver.observe(), sky, settings, receiver.facts)
     assert solution.extras["new_ambiguities"] == 0
     np.testing.assert_allclose(state.x[:3], before, atol=0.05)
+
+
+def test_a_hopeless_geometry_gives_a_single_point(settled):
+    """Oracle: four satellites on one side of the sky give no plan position; the codes of all others do."""
+    sky, settings, receiver, state = settled
+    epoch = receiver.observe()
+    east = [int(s) for s in np.unique(epoch.satellite) if sky.satellites[0] <= s and _azimuth(sky, s, epoch) < np.pi]
+    sky.only = set(east[:4])
+    state = replace(state, arcs=state.arcs[:0], x=state.x[:N_CORE].copy(), p=state.p[:N_CORE, :N_CORE].copy())
+    state, solution = step(state, epoch, sky, settings, receiver.facts)
+    assert solution.status is Status.SINGLE_POINT
+    assert "too few" in solution.reason
+    assert np.linalg.norm(solution.displacement_enu_m) < 10.0
+
+
+def _azimuth(sky, satellite, epoch):
+    line = rotation_at(MARKER_M) @ (orbit(int(satellite), epoch.t_gps_ns)[0] - MARKER_M)
+    return np.arctan2(line[0], line[1]) % (2 * np.pi)
 
 
 def test_a_start_without_corrections_says_so():

@@ -13,6 +13,7 @@ from plumbline.positioning.tracking import sines_from, track
 from plumbline.records import Solution, Status
 
 MIN_SATELLITES = 4  # and one more for every system beyond the first
+_WEAK = "satellites with corrections too few or badly placed"
 
 
 def enough(pairs: Records) -> bool:
@@ -32,6 +33,18 @@ def fall_back(state: PppState, inputs: Inputs, source: SatelliteSource) -> tuple
     if np.array_equal(pairs["satellite"], inputs.pairs["satellite"]):
         sine = sines_from(state.x[POSITION], states.position_ecef_m)
     return track(state, inputs.pairs, sine, epoch.t_gps_ns, inputs.max_gap_ns).state, solution
+
+
+def instead(state: PppState, inputs: Inputs, source: SatelliteSource, precise: Solution) -> Solution:
+    """A single point in place of a precise position that is worse: few satellites with corrections, badly placed."""
+    inputs = replace(inputs, missing="; ".join(text for text in (_WEAK, inputs.missing) if text))
+    epoch = inputs.epoch
+    pairs = pairs_of(epoch, source, state.arcs, precise=False, systems=inputs.settings.systems)
+    states = source.broadcast(epoch.t_gps_ns, epoch.t_receive_ns, pairs["satellite"].copy(), pairs["range_m"].copy())
+    point = _point(state, inputs, pairs, states)
+    if point.covariance_enu_m2 is None or precise.covariance_enu_m2 is None:
+        return precise
+    return point if np.trace(point.covariance_enu_m2) < np.trace(precise.covariance_enu_m2) else precise
 
 
 def _point(state: PppState, inputs: Inputs, pairs: Records, states: SatelliteStates) -> Solution:

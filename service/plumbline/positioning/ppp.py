@@ -15,7 +15,7 @@ from plumbline.positioning import ppp_filter
 from plumbline.positioning.beidou_codes import correct_beidou_codes
 from plumbline.positioning.epoch_noise import epoch_noise_enu_m2
 from plumbline.positioning.facts import StationFacts
-from plumbline.positioning.fall_back import enough, fall_back
+from plumbline.positioning.fall_back import enough, fall_back, instead
 from plumbline.positioning.gather import Inputs, Site, mask_rad_of, model_of, pairs_of, point_of, site_of
 from plumbline.positioning.ppp_model import keep_wind_up
 from plumbline.positioning.ppp_noise import tuning_of
@@ -30,6 +30,7 @@ _NS: Final = 1_000_000_000
 _START_SIGMA_M: Final = 30.0
 _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
+_WEAK_SIGMA_M: Final = 3.0  # a precise position worse than that is compared with a single point
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 _SCALE_GAIN: Final = 0.05  # of the phases' usual statistic: a memory of 20 epochs
 _STAY_CONVERGED: Final = 2.0  # once converged, a position stays so up to this multiple of the limit
@@ -122,7 +123,10 @@ def _filter(state: PppState, inputs: Inputs, source: SatelliteSource) -> _Result
         reason = f"{refused} and more of {quality.kind.size} observations contradict the others"
         n = int(np.count_nonzero(rows["usable"]))
         return rejected, no_position(epoch, inputs.facts, Status.REJECTED, reason, n), quality
-    return _finish(updated, inputs, site, rows, quality, tracked.new_ambiguities)
+    state, solution, quality = _finish(updated, inputs, site, rows, quality, tracked.new_ambiguities)
+    if np.trace(state.p[POSITION, POSITION]) > _WEAK_SIGMA_M**2:
+        solution = instead(state, inputs, source, solution)
+    return state, solution, quality
 
 
 def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState | None, EpochQuality | None]:
