@@ -457,6 +457,8 @@ class QualityReport:
     w: Floats  # w-test, standard normal without an error
     external_enu_m: Floats  # (m, 3) what an error of the MDB's size does to the position
     qdop: Floats  # geometry's share in the observation, 0…1
+    elevation_rad: Floats
+    azimuth_rad: Floats  # clockwise from north
     verdict: NDArray[np.int8]  # Verdict
     hdop: float
     vdop: float

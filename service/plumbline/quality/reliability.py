@@ -53,12 +53,13 @@ class Factors(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def factors(levels: Levels, integrity: Integrity) -> Factors:
-    """Factors of the levels and the integrity promised."""
+def factors(levels: Levels, integrity: Integrity, tail: float = 1.0) -> Factors:
+    """Factors of the levels and the integrity promised; the w-test's critical value is raised by ``tail``."""
     conditional = min(integrity.risk / integrity.prior, 0.5)
+    raised = (tail - 1.0) * dia_tables.w_critical(levels)
     return Factors(
-        root_noncentrality=float(np.sqrt(dia_tables.noncentrality(levels))),
-        missed=dia_tables.missed_detection_factor(levels, conditional),
+        root_noncentrality=float(np.sqrt(dia_tables.noncentrality(levels))) + raised,
+        missed=dia_tables.missed_detection_factor(levels, conditional) + raised,
         horizontal=float(np.sqrt(-2.0 * np.log(integrity.risk))),
         vertical=float(norm.ppf(1.0 - 0.5 * integrity.risk)),
         horizontal_fault=float(np.sqrt(-2.0 * np.log(conditional))),
@@ -87,14 +88,15 @@ def _largest_horizontal_sigma(covariance: Floats) -> float:
 @njit(cache=True)
 def measures(
     sigma_b: Floats, test_variance: Floats, used: Booleans, h: Floats, variance: Floats, position_rows: Floats,
-    rotation: Floats, factor: Factors,
+    rotation: Floats, factor: Factors, usual: Floats | None = None,
 ) -> Measures:  # fmt: skip
     """Measures of an epoch after an update.
 
     ``sigma_b`` (m,) sigma of each observation's estimated error (:func:`plumbline.estimation.dia.w_values`),
     ``test_variance`` (m,) of the observation in the tests, ``variance`` (m,) in the update, ``h`` (m, n) design,
     ``position_rows`` (3, n) rows of the updated covariance that belong to the position, the position being the first
-    three states; ``rotation`` (3, 3) from their frame to east, north, up.
+    three states; ``rotation`` (3, 3) from their frame to east, north, up; ``usual`` (m,) how large the w-statistics are
+    against a standard normal's, None: as large.
     """
     m, n = h.shape
     redundancy, mdb, external = np.zeros(m), np.full(m, np.inf), np.full((m, _AXES), np.nan)
@@ -102,7 +104,8 @@ def measures(
     along, moved = np.zeros(_AXES), np.zeros(_AXES)
     for i in range(m):
         redundancy[i] = test_variance[i] / (sigma_b[i] * sigma_b[i])
-        mdb[i] = factor.root_noncentrality * sigma_b[i]
+        sigma = sigma_b[i] if usual is None else sigma_b[i] * usual[i]
+        mdb[i] = factor.root_noncentrality * sigma
         if not used[i]:
             continue
         along[:] = 0.0
@@ -116,8 +119,8 @@ def measures(
                 moved[a] += rotation[a, b] * along[b] / variance[i]
             external[i, a] = moved[a] * mdb[i]
         horizontal = np.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
-        worst_horizontal = max(worst_horizontal, horizontal * sigma_b[i])
-        worst_vertical = max(worst_vertical, abs(moved[2]) * sigma_b[i])
+        worst_horizontal = max(worst_horizontal, horizontal * sigma)
+        worst_vertical = max(worst_vertical, abs(moved[2]) * sigma)
     covariance = rotation @ np.ascontiguousarray(position_rows[:, :_AXES]) @ rotation.T
     sigma_h, sigma_v = _largest_horizontal_sigma(covariance), np.sqrt(covariance[2, 2])
     level_h = max(factor.horizontal * sigma_h, factor.missed * worst_horizontal + factor.horizontal_fault * sigma_h)
