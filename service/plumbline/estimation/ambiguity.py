@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 _MAX_SEARCH_STEPS: Final = 200_000
 _SWAP_GAIN: Final = 1e-6  # relative: a smaller gain is no reason to swap
 _LEAST_NORM: Final = 1e-3  # a best norm below counts as this much in ratios
-_RATIO_LIMIT: Final = 5.0  # ratios are known up to this, or up to the least one accepted if that is more
+_RATIO_LIMIT: Final = 4.0  # ratios are known up to this, or up to the least one accepted if that is more
 
 
 @dataclass(frozen=True, slots=True)

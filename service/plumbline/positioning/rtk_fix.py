@@ -62,6 +62,11 @@ def _references(rows: Records, arcs: Records, sine: Floats, respect_held: bool) 
     return chosen
 
 
+def references_of(rows: Records, arcs: Records, sine: Floats) -> Booleans:
+    """Arcs (k,) to take as their groups' datum (ambiguity zero) where nothing is held."""
+    return _references(rows, arcs, sine, False)  # type: ignore[no-any-return]
+
+
 def sines_of_arcs(rows: Records, n_arcs: int) -> Floats:
     """Sine of the elevation of each arc's satellite, (k,)."""
     sine = np.zeros(n_arcs)
@@ -111,7 +116,7 @@ def _given(information: Floats, right: Floats, known: Booleans, values: Floats) 
 
 def _search(
     information: Floats, right: Floats, known: Booleans, values: Floats, wanted: Booleans, sine: Floats,
-    settings: RtkSettings,
+    settings: RtkSettings, partial: bool,
 ) -> _Search:  # fmt: skip
     """Resolve the ``wanted`` arcs given the ``known`` ones: all, else the higher ones, else what relations can be."""
     x, q, regular = _given(information, right, known, values)
@@ -119,7 +124,7 @@ def _search(
     if not regular:
         return _Search(False, False, values, known, *start, np.nan, 0.0, 0, "too few satellites for a float solution")
     ratio, rate, reason = np.nan, 0.0, ""
-    for step in _SINE_STEPS if settings.partial else (0.0,):
+    for step in _SINE_STEPS if partial else (0.0,):
         chosen = np.flatnonzero(wanted & ~known & (sine >= step))
         if chosen.size < _MIN_AMBIGUITIES and not (known.any() and chosen.size and step == 0.0):
             break
@@ -134,7 +139,7 @@ def _search(
             complete = bool(step == 0.0)
             return _Search(True, complete, new_values, now, y[POSITION], c[POSITION, POSITION], found.ratio,
                            found.success_rate, int(chosen.size), "")  # fmt: skip
-    if settings.partial:
+    if partial:
         relations = _relations(x, q, np.flatnonzero(wanted & ~known), settings)
         if relations is not None:
             position, covariance, found_ratio, found_rate, n = relations
@@ -197,7 +202,7 @@ def fix(
         return Fix(
             ok, *base, base[0], arcs, n, n_held, np.nan, 1.0, "" if ok else "too few integers held"
         ), contradicted
-    found = _search(information, right, known, values, wanted, sine, settings)
+    found = _search(information, right, known, values, wanted, sine, settings, settings.partial)
     if found.accepted:
         new = found.known & arcs["integer"] & _with_company(rows, found.known & arcs["integer"])
         arcs["value"] = np.where(new, found.values, arcs["value"]).astype(np.int64)
@@ -230,7 +235,8 @@ def _contradicts(
 ) -> bool:
     """Whether a search that knows nothing of the integers held finds others, and is sure of them."""
     references = _references(rows, arcs, sine, False)
-    found = _search(information, right, references, np.zeros(arcs.size), arcs["integer"] & ~references, sine, settings)
+    wanted = arcs["integer"] & ~references
+    found = _search(information, right, references, np.zeros(arcs.size), wanted, sine, settings, partial=False)
     if not found.accepted:
         return False
     with_arc = rows[rows["arc"] >= 0]
