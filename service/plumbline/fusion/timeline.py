@@ -63,6 +63,15 @@ class Timeline(Generic[Measured, Extra]):
     counters: Mapping[str, int] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Ran(Generic[Measured, Extra]):
+    """What a run gave."""
+
+    timeline: Timeline[Measured, Extra]
+    rows: Rows  # of the samples passed: new ones, and again those after a late measurement
+    updated: tuple[Node[Extra], ...]  # the state after each measurement applied
+
+
 def no_rows() -> Rows:
     """No rows."""
     return Rows(np.zeros(0, np.int64), np.zeros((0, ROW_SIZE)))
@@ -114,27 +123,30 @@ def run(
     local: bool,
     update: Callable[[Node[Extra], Measured, Floats], Node[Extra]],
     late_limit_s: float,
-) -> tuple[Timeline[Measured, Extra], Rows]:
+) -> Ran[Measured, Extra]:
     """Run from the last node to the last sample; ``update`` gets the node, the measurement and the rate (3,) there.
 
-    Returns also the rows of all samples passed. Wants at least one node.
+    Returns also the rows of all samples passed, and the nodes after each measurement. Without a node, nothing happens.
     """
     if not timeline.nodes or not timeline.t_gps_ns.size:
-        return timeline, no_rows()
+        return Ran(timeline, no_rows(), ())
     end_ns, start_ns = int(timeline.t_gps_ns[-1]), timeline.nodes[-1].t_gps_ns
     due = [m for m in timeline.measurements if start_ns < m.t_gps_ns <= end_ns]
     nodes = list(timeline.nodes)
     parts: list[Rows] = []
+    updated: list[Node[Extra]] = []
     for measurement in due:
         if measurement.t_gps_ns > nodes[-1].t_gps_ns:
             nodes.append(_advanced(timeline, nodes[-1], measurement.t_gps_ns, noise, local, parts))
         nodes[-1] = update(nodes[-1], measurement, _rate_at(timeline, measurement.t_gps_ns))
+        updated.append(nodes[-1])
     if nodes[-1].t_gps_ns < end_ns:
         nodes.append(_advanced(timeline, nodes[-1], end_ns, noise, local, parts))
     done = _trimmed(replace(timeline, nodes=tuple(nodes)), end_ns - round(late_limit_s * NS_PER_S))
     if not parts:
-        return done, no_rows()
-    return done, Rows(np.concatenate([r.t_gps_ns for r in parts]), np.concatenate([r.values for r in parts]))
+        return Ran(done, no_rows(), tuple(updated))
+    rows = Rows(np.concatenate([r.t_gps_ns for r in parts]), np.concatenate([r.values for r in parts]))
+    return Ran(done, rows, tuple(updated))
 
 
 def _advanced(

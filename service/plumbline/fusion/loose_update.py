@@ -1,0 +1,102 @@
+"""How fixes and standstills measure the loose filter's errors."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from plumbline.config import InertialSettings
+from plumbline.estimation.kalman import cholesky_lower, innovation_covariance, update_sequential
+from plumbline.fusion.error_model import feed_back
+from plumbline.fusion.loose_state import Fix, Innovation, LooseExtra, LooseNode
+from plumbline.fusion.rotations import skew
+from plumbline.fusion.strapdown import (
+    ERROR_ATTITUDE,
+    ERROR_GYROSCOPE_BIAS,
+    ERROR_POSITION,
+    ERROR_SIZE,
+    ERROR_VELOCITY,
+    curvature_radii_m,
+    earth_rate_local_rad_s,
+)
+from plumbline.fusion.timeline import Node
+from plumbline.fusion.zupt import Standstill, standstill_rows
+from plumbline.records import Floats
+
+
+def fix_rows(
+    nav: Floats, rate_rad_s: Floats, lever_arm_body_m: Floats, geodetic: Floats, velocity_enu_m_s: Floats
+) -> tuple[Floats, Floats]:
+    """Design matrix (6, 15) and innovations (6,) of a position and a velocity of an antenna.
+
+    ``rate_rad_s`` (3,) as measured, ``lever_arm_body_m`` (3,) IMU → antenna, ``geodetic`` (3,) rad, rad, m.
+    """
+    rotation, earth = nav[6:15].reshape(3, 3), earth_rate_local_rad_s(nav[0])
+    arm = rotation @ lever_arm_body_m
+    arm_rate = rotation @ np.cross(rate_rad_s - nav[18:21], lever_arm_body_m)
+    meridian, across = curvature_radii_m(nav[0])
+    h, v = np.zeros((6, ERROR_SIZE)), np.zeros(6)
+    h[:3, ERROR_POSITION : ERROR_POSITION + 3] = np.eye(3)
+    h[:3, ERROR_ATTITUDE : ERROR_ATTITUDE + 3] = -skew(arm)
+    v[0] = (geodetic[1] - nav[1]) * (across + nav[2]) * np.cos(nav[0])
+    v[1] = (geodetic[0] - nav[0]) * (meridian + nav[2])
+    v[2] = geodetic[2] - nav[2]
+    v[:3] -= arm
+    h[3:, ERROR_VELOCITY : ERROR_VELOCITY + 3] = np.eye(3)
+    h[3:, ERROR_ATTITUDE : ERROR_ATTITUDE + 3] = -skew(arm_rate) + skew(earth) @ skew(arm)
+    h[3:, ERROR_GYROSCOPE_BIAS:ERROR_SIZE] = rotation @ skew(lever_arm_body_m)
+    v[3:] = velocity_enu_m_s - (nav[3:6] + arm_rate - np.cross(earth, arm))
+    return h, v
+
+
+def rows_of_fix(nav: Floats, rate_rad_s: Floats, fix: Fix, settings: InertialSettings) -> tuple[Floats, Floats]:
+    """:func:`fix_rows` of a fix; innovations of what it has not are NaN."""
+    nothing = np.full(3, np.nan)
+    return fix_rows(
+        nav,
+        rate_rad_s,
+        np.array(settings.lever_arms_body_m[0]),
+        nothing if fix.geodetic is None else fix.geodetic,
+        nothing if fix.velocity_enu_m_s is None else fix.velocity_enu_m_s,
+    )
+
+
+def update_fix(node: LooseNode, fix: Fix, rate_rad_s: Floats, settings: InertialSettings) -> LooseNode:
+    """The node after a fix; one too far off is refused, until too many in a row have been."""
+    h, v = rows_of_fix(node.nav, rate_rad_s, fix, settings)
+    there = np.isfinite(v)
+    sigma = np.sqrt(np.diag(innovation_covariance(node.p, h, np.diag(fix.covariance).astype(np.float64))))
+    sigma[~there] = np.nan
+    refused = bool((np.abs(v[there]) > settings.innovation_gate_sigma * sigma[there]).any())
+    if refused and node.extra.refusals + 1 < settings.max_refusals:
+        innovation = Innovation(fix.t_gps_ns, v, sigma, v, False)
+        return replace(node, extra=replace(node.extra, refusals=node.extra.refusals + 1, innovation=innovation))
+    nav, p = node.nav.copy(), node.p.copy()
+    if refused:  # the GNSS says so again and again: it is the state that is off
+        p[:6, :6] += np.diag(np.nan_to_num(v) ** 2)
+    apply(nav, p, h[there], v[there], fix.covariance[np.ix_(there, there)], local=True)
+    _, left = rows_of_fix(nav, rate_rad_s, fix, settings)
+    innovation = Innovation(fix.t_gps_ns, v, sigma, left, True)
+    t_fix_ns = fix.t_gps_ns if fix.geodetic is not None else node.extra.t_fix_gps_ns
+    return Node(node.t_gps_ns, nav, p, LooseExtra(0, t_fix_ns, fix.status, innovation))
+
+
+def update_standstill(node: LooseNode, standstill: Standstill, settings: InertialSettings) -> LooseNode:
+    """The node after a standstill; a velocity that speaks against it (a smooth ride) leaves it out."""
+    earth = earth_rate_local_rad_s(node.nav[0])
+    h, variances, v = standstill_rows(node.nav, earth, standstill, settings, ERROR_SIZE)
+    expected = np.sqrt(np.diag(innovation_covariance(node.p, h, variances)))
+    if (np.abs(v) > settings.innovation_gate_sigma * expected).any():
+        return node
+    nav, p = node.nav.copy(), node.p.copy()
+    apply(nav, p, h, v, variances * np.eye(6), local=True)
+    return Node(node.t_gps_ns, nav, p, replace(node.extra, innovation=None))
+
+
+def apply(nav: Floats, p: Floats, h: Floats, v: Floats, r: Floats, *, local: bool) -> None:
+    """Update ``nav`` and ``p``, in place, by correlated observations: whitened, then one by one in Joseph's form."""
+    factor, _ = cholesky_lower(r)
+    error = np.zeros(p.shape[0])
+    white = np.linalg.solve(factor, np.column_stack([h, v]))
+    use = np.ones(v.size, np.bool_)
+    update_sequential(error, p, np.ascontiguousarray(white[:, :-1]), np.ones(v.size), white[:, -1].copy(), use)
+    feed_back(nav, p, error[:ERROR_SIZE], local)
