@@ -90,6 +90,8 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--integers", choices=("off", "continuous", "instantaneous"), default="continuous",
                         help="mode rtk: resolve integers over time, at every epoch for itself, or not")  # fmt: skip
     parser.add_argument("--frequencies", type=int, choices=(1, 2, 3), default=2, help="mode rtk")
+    parser.add_argument("--phase-sigma", type=float, metavar="M",
+                        help="mode rtk: noise and multipath of phases at the zenith, one sigma")  # fmt: skip
     files("--nav", "ephemerides: RINEX or RTCM3")
     files("--ssr", "corrections: RTCM3")
     files("--sp3", "precise orbits, several days in any order")
@@ -143,6 +145,8 @@ def _process(options: argparse.Namespace) -> int:
         raise PlumblineError("mode rtk wants --base")
     rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
            "frequencies": options.frequencies}  # fmt: skip
+    if options.phase_sigma is not None:
+        rtk["phase_sigma_m"] = options.phase_sigma
     settings = offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
         options.ar, options.rotation_deg, options.antex, rtk,

@@ -16,6 +16,7 @@ from plumbline.evaluation.shake_table import SCHEMES, Series, Truth, mean_of, se
 from plumbline.records import Status
 
 AVERAGED: Final = {"G123": ("G1", "G2", "G3")}  # not processed: the average of others
+PHASE_SIGMA_M: Final = "0.006"  # what an operator would set on a platform beside walls: multipath, not noise
 _FIXED: Final = frozenset({str(Status.RTK_FIXED)})
 _NS_PER_MS: Final = 1_000_000
 
@@ -79,7 +80,8 @@ def process_arguments(folder: Path, scheme: str) -> list[str]:
     rovers = [str(folder / f"antenna{k}.rtcm3") for k in antennas]
     common = [
         "--base", str(folder / "base.rtcm3"), "--base-position", _vector(description["base_ecef_m"]),
-        "--systems", "GC", "--elevation-mask", "10", "--frequencies", "1", "--rover", rovers[0],
+        "--systems", "GC", "--elevation-mask", "10", "--frequencies", "1", "--phase-sigma", PHASE_SIGMA_M,
+        "--rover", rovers[0],
         "--output", str(result_path(folder, scheme)),
     ]  # fmt: skip
     if "I" not in scheme:
