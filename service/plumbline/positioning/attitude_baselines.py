@@ -85,7 +85,7 @@ def baseline_candidates(
     fill_model(rows, states, base_states, index, place, place, mask_rad_of(settings.positioning), 0.0, settings.rtk)
     n_groups = int(rows["group"].max()) + 1
     use_code = snoop(
-        rows["line"].copy(), np.nan_to_num(rows["code_oc_m"]), rows["code_weight"].copy(),
+        rows["line"], rows["code_oc_m"], rows["code_weight"],
         rows["group"].astype(np.int64), n_groups, _CODE_W_LIMIT, max(2, rows.size // 4),
     )[2]  # fmt: skip
     arcs, _, _, _ = update_arcs(RtkState(), rows, auxiliary.t_gps_ns, 0, n_groups)

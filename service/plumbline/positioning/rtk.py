@@ -91,7 +91,7 @@ def step(
     if base.epoch is None or base_position is None:
         return state, no_position(rover, facts, Status.NO_BASE, why), None
     rows = single_difference_rows(rover, base.epoch, settings.rtk.frequencies)
-    n = int(np.unique(rows["satellite"]).size)
+    n = int(np.count_nonzero(np.diff(rows["satellite"], prepend=-1)))
     if n < _MIN_SATELLITES:
         reason = f"rover and base {base.station} have {n} satellites in common, {_MIN_SATELLITES} needed"
         return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n), None
@@ -182,10 +182,10 @@ def _test_codes(rows: Records) -> tuple[Booleans, Floats | None, int]:
     """Which codes agree, the position correction that they ask for (None: undetermined), satellites usable."""
     n_groups = int(rows["group"].max()) + 1
     b, _, use, _, _, _, regular = snoop(
-        rows["line"], np.nan_to_num(rows["code_oc_m"]), rows["code_weight"], rows["group"].astype(np.int64), n_groups,
+        rows["line"], rows["code_oc_m"], rows["code_weight"], rows["group"].astype(np.int64), n_groups,
         _CODE_W_LIMIT, max(2, rows.size // 4),
     )  # fmt: skip
-    usable = np.unique(rows["satellite"][rows["code_weight"] > 0.0]).size
+    usable = np.count_nonzero(np.diff(rows["satellite"][rows["code_weight"] > 0.0], prepend=-1))
     return use, b if regular else None, int(usable)
 
 

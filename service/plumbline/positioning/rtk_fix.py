@@ -217,8 +217,10 @@ def fix(
 
 
 def _groups_held(rows: Records, arcs: Records) -> int:
-    with_arc = rows[rows["arc"] >= 0]
-    return int(np.unique(with_arc["group"][arcs["held"][with_arc["arc"]]]).size)
+    """How many groups hold integers."""
+    arc = rows["arc"]
+    groups = rows["group"][(arc >= 0) & arcs["held"][arc]]
+    return int(np.count_nonzero(np.bincount(groups))) if groups.size else 0
 
 
 def _with_company(rows: Records, held: Booleans) -> Booleans:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.positioning.facts import StationFacts, Vector3
+from plumbline.positioning.rtk_filter import snoop
 from plumbline.positioning.rtk_fix import Fix
 from plumbline.positioning.rtk_velocity import velocity_of
 from plumbline.positioning.solutions import covariance_enu_m2, displacement_enu_m, letters_of, rotation_at
 from plumbline.positioning.state import Records
 from plumbline.records import Booleans, Epoch, Floats, Solution, Status
+from plumbline.signals import System
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ def relative_solution(
     rotation = rotation_at(antenna_ecef_m)
     marker = antenna_ecef_m - rotation.T @ np.array(facts.antenna_offset_enu_m)
     used = diagnostics.rows[diagnostics.rows["arc"] >= 0]
-    satellites, first = np.unique(used["satellite"], return_index=True)
+    first = np.flatnonzero(np.diff(used["satellite"], prepend=-1))
     velocity = velocity_of(diagnostics.rows)
     if velocity is None and diagnostics.motion_ecef_m is not None and interval_s:
         velocity = diagnostics.motion_ecef_m / interval_s
@@ -50,12 +52,12 @@ def relative_solution(
         facts.station, rover.t_gps_ns, rover.t_receive_ns,
         Status.RTK_FIXED if result.fixed else Status.RTK_FLOAT,
         "" if result.fixed else f"integers not resolved: {result.reason}",
-        int(satellites.size),
+        int(first.size),
         position_ecef_m=marker,
         displacement_enu_m=displacement_enu_m(marker, reference),
         covariance_enu_m2=covariance_enu_m2(antenna_ecef_m, result.covariance_m2),
         velocity_enu_m_s=None if velocity is None else rotation @ velocity,
-        systems=letters_of(used["system"]),
+        systems=letters_of(used["system"][first]),
         correction_age_s=diagnostics.base_age_s,
         pdop=_pdop(used[first]),
         extras=_extras(rotation @ (antenna_ecef_m - diagnostics.base_position_ecef_m), diagnostics),
@@ -78,10 +80,9 @@ def _extras(baseline_enu_m: Floats, diagnostics: RtkDiagnostics) -> dict[str, fl
 
 
 def _pdop(rows: Records) -> float | None:
-    """Position dilution of precision of the satellites, one clock a system."""
-    system = rows["system"]
-    design = np.concatenate([-rows["line"], (system[:, None] == np.unique(system)[None, :]).astype(float)], axis=1)
-    normal = design.T @ design
-    if normal.shape[0] > rows.size or np.linalg.cond(normal) > 1e12:
-        return None
-    return float(np.sqrt(np.trace(np.linalg.inv(normal)[:3, :3])))
+    """Position dilution of precision of the satellites, one clock a system and equal weights."""
+    n = rows.size
+    _, covariance, _, _, _, _, regular = snoop(
+        rows["line"], np.zeros(n), np.ones(n), rows["system"].astype(np.int64), len(System), np.inf, 0
+    )
+    return float(np.sqrt(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])) if regular else None

@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from plumbline.gnss.antenna import AntennaBook, empty_antenna_book
 from plumbline.positioning.state import Records
 from plumbline.records import Epoch, Floats
 
@@ -74,7 +73,6 @@ class BaseView:
     epoch: Epoch | None
     position_ecef_m: Floats | None  # antenna reference point
     reason: str = ""
-    antennas: AntennaBook = field(default_factory=empty_antenna_book)
 
 
 def no_base(station: str, reason: str) -> BaseView:

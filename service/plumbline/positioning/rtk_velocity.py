@@ -25,7 +25,7 @@ def velocity_of(rows: Records) -> Floats | None:
         return None
     one_clock = np.zeros(rows.size, np.int64)
     v, _, _, _, _, redundancy, regular = snoop(
-        rows["line"], np.nan_to_num(rows["range_rate_oc_m_s"]), weight, one_clock, 1, _W_LIMIT, rows.size // 4
+        rows["line"], rows["range_rate_oc_m_s"], weight, one_clock, 1, _W_LIMIT, rows.size // 4
     )
     velocity: Floats = v
     return velocity if regular and redundancy > 0.5 else None
