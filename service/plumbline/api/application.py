@@ -11,7 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
 
 from plumbline import __version__
-from plumbline.api import alerts, devices, operations, problems, series, stations, stream, thresholds, units
+from plumbline.api import alerts, devices, operations, problems, quality, series, stations, stream, thresholds, units
 from plumbline.api.control import Control
 from plumbline.api.feed import Feed
 from plumbline.api.problems import Problem
@@ -46,7 +46,7 @@ def routes() -> FastAPI:
     """All routes without the parts behind them: enough for the documents."""
     app = FastAPI(title="plumbline", version=__version__, description=_DESCRIPTION, redirect_slashes=False)
     problems.install(app)
-    for module in (stations, series, thresholds, alerts, devices, operations, stream):
+    for module in (stations, series, quality, thresholds, alerts, devices, operations, stream):
         app.include_router(module.router)
     app.add_middleware(problems.BodyLimit)
     app.add_middleware(GZipMiddleware, minimum_size=2000, compresslevel=1)

@@ -14,7 +14,7 @@ import yaml  # type: ignore[import-untyped]
 from pydantic import BaseModel, Field, TypeAdapter
 
 from plumbline import __version__
-from plumbline.api import schemas, stream
+from plumbline.api import quality_schemas, schemas, stream
 from plumbline.api.application import routes
 from plumbline.api.feed import Channel
 from plumbline.records import Status
@@ -68,6 +68,12 @@ class AlertMessage(_Numbered, schemas.AlertEventOut):
     type: str = "alert"
 
 
+class QualityMessage(_Numbered, quality_schemas.QualityOut):
+    """What an epoch's solution is worth."""
+
+    type: str = "quality"
+
+
 class HelloMessage(BaseModel):
     """The first message of a connection."""
 
@@ -109,6 +115,7 @@ SENT: Final = (
     MotionMessage,
     StatusMessage,
     AlertMessage,
+    QualityMessage,
     MissedMessage,
     ErrorMessage,
 )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from plumbline.records import AlertEvent, Motion, Output, Solution, StationStatus
+from plumbline.records import AlertEvent, Motion, Output, QualityReport, Solution, StationStatus
 
 RING_CAPACITY: Final = 65_536
 RING_BYTES: Final = 64 * 1024 * 1024
@@ -27,6 +27,7 @@ class Channel(StrEnum):
     MOTION = "motion"
     STATUS = "status"
     ALERT = "alert"
+    QUALITY = "quality"
 
 
 _CHANNEL_OF: Final = {
@@ -34,6 +35,7 @@ _CHANNEL_OF: Final = {
     Motion: Channel.MOTION,
     StationStatus: Channel.STATUS,
     AlertEvent: Channel.ALERT,
+    QualityReport: Channel.QUALITY,
 }
 
 
@@ -115,6 +117,8 @@ class Subscription:
 def _size(entry: Entry) -> int:
     """About how many bytes an entry keeps: a block's four arrays, or a small record."""
     output = entry.output
+    if isinstance(output, QualityReport):
+        return 1000 + 20 * output.residual_m.nbytes
     return 1000 + (4 * output.displacement_enu_m.nbytes if isinstance(output, Motion) else 0)
 
 

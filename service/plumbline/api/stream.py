@@ -3,7 +3,8 @@
 A client subscribes with the address, ``/v1/stream?station=a&station=b&channel=motion&resume_from=17``, or, having
 connected to the bare address, with a message; a later message replaces the subscription::
 
-    {"action": "subscribe", "stations": ["a", "b"], "channels": ["solution", "motion", "status", "alert"],
+    {"action": "subscribe", "stations": ["a", "b"], "channels": ["solution", "motion", "status", "alert",
+     "quality"],
      "resume_from": 1767225600000017, "feed": "0f3c…", "motion_rate_hz": 10}
 
 All fields but ``action`` may be left out: all stations, all channels, from now on, every sample. ``resume_from`` is the
@@ -39,9 +40,17 @@ each::
      "state": "active", "level": 50.0, "value": 61.3, "text": "displacement_horizontal 61.3 mm, limit 50 mm",
      "time": "2026-01-01T00:00:00.000Z", "onset": "2026-01-01T00:00:00.000Z"}
 
+    {"type": "quality", "sequence": 1767225600000021, "station": "a", "time": "2026-01-01T00:00:01.000Z",
+     "tests": {"statistic": 41.2, "degrees_of_freedom": 44.0, "critical_value": 60.5}, "hdop": 0.6, "vdop": 0.9,
+     "pdop": 1.1, "protection_horizontal_mm": 31.0, "protection_vertical_mm": 58.1, "integrity_risk": 1e-05,
+     "events": [], "observations": [{"satellite": "G05", "kind": "phase", "signals": ["L1C", "L2W"],
+     "residual_mm": 1.2, "sigma_mm": 6.1, "redundancy": 0.71, "mdb_mm": 21.0, "w": 0.4, "qdop": 0.2,
+     "elevation_deg": 54.1, "azimuth_deg": 120.5, "external_east_mm": 2.1, "external_north_mm": -0.4,
+     "external_up_mm": 1.0, "rejected": false, "reason": ""}]}
+
     {"type": "missed", "first_sequence": 1767225600000022, "last_sequence": 1767225600000940, "count": 301}
 
-    {"type": "error", "detail": "channels.0: Input should be 'solution', 'motion', 'status' or 'alert'"}
+    {"type": "error", "detail": "channels.0: Input should be 'solution', 'motion', 'status', 'alert' or 'quality'"}
 
 A motion block of the same ``station`` and ``time`` with a higher ``revision`` replaces the one before it. ``time`` is
 that of the first sample; sample k is at ``time`` + k × ``interval_s``. ``missed`` says that the client was too slow, or
@@ -59,10 +68,11 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from plumbline.api.feed import Channel, Entry, Feed, Interest, Missed, Subscription
+from plumbline.api.quality_views import quality_view
 from plumbline.api.views import alert_event_view, motion_view, solution_view, status_view
 from plumbline.config import StationId
 from plumbline.gps_time import NS_PER_S
-from plumbline.records import AlertEvent, Motion, Output, Solution
+from plumbline.records import AlertEvent, Motion, Output, QualityReport, Solution
 
 router = APIRouter(prefix="/v1")
 
@@ -90,6 +100,8 @@ def view_of(output: Output, step: int = 1) -> dict[str, Any]:
         return motion_view(output, step)
     if isinstance(output, AlertEvent):
         return alert_event_view(output)
+    if isinstance(output, QualityReport):
+        return quality_view(output)
     return status_view(output.station, output).model_dump(mode="json")
 
 

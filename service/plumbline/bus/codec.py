@@ -22,7 +22,14 @@ _DTYPES = ("<f8", "<i8", "<i2", "|i1", "|b1", "<f4", "<i4")
 _CODE_OF_DTYPE = {np.dtype(name): code for code, name in enumerate(_DTYPES)}
 _CLASSES: dict[str, Any] = {
     cls.__name__: cls
-    for cls in (records.Solution, records.Motion, records.AlertEvent, records.StationStatus, records.Threshold)
+    for cls in (
+        records.Solution,
+        records.Motion,
+        records.AlertEvent,
+        records.StationStatus,
+        records.Threshold,
+        records.QualityReport,
+    )
 }
 
 

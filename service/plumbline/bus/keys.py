@@ -6,6 +6,7 @@ SOLUTION = "plumbline/solution"
 MOTION = "plumbline/motion"
 ALERT = "plumbline/alert"
 STATUS = "plumbline/status"
+QUALITY = "plumbline/quality"
 CHECKPOINT = "plumbline/checkpoint"
 REWIND = "plumbline/rewind"  # the store asks for a station to be computed again from its last stored checkpoint
 SETTINGS = "plumbline/settings"  # a station's settings or thresholds have changed
@@ -20,7 +21,13 @@ QUERY_DEVICES = "plumbline/query/devices"  # /{archive}: unknown devices and con
 QUERY_METRICS = "plumbline/query/metrics"  # /{process}: counters
 
 #: Key prefix of each kind of output, by its class name in :mod:`plumbline.records`.
-OUTPUTS = {"Solution": SOLUTION, "Motion": MOTION, "AlertEvent": ALERT, "StationStatus": STATUS}
+OUTPUTS = {
+    "Solution": SOLUTION,
+    "Motion": MOTION,
+    "AlertEvent": ALERT,
+    "StationStatus": STATUS,
+    "QualityReport": QUALITY,
+}
 
 
 def of(prefix: str, *parts: str) -> str:

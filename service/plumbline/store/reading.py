@@ -7,13 +7,14 @@ import numpy as np
 from sqlalchemy import ColumnElement, Connection, Row, Select, Table, select, text
 
 from plumbline.gps_time import NS_PER_S
-from plumbline.records import Floats, Motion, Solution, Status
-from plumbline.store import summaries
+from plumbline.records import Floats, Motion, QualityReport, Solution, Status
+from plumbline.store import quality_codec, summaries
 from plumbline.store.cursors import from_cursor, to_cursor
 from plumbline.store.motion_codec import decode, samples
 from plumbline.store.rows import BlockHead, MotionSeries, MotionSummary, Page
 from plumbline.store.tables import CHANNELS
 from plumbline.store.tables import motion as motion_table
+from plumbline.store.tables import quality as quality_table
 from plumbline.store.tables import solutions as solution_table
 
 _DAY_S: Final = 86_400
@@ -34,6 +35,37 @@ def solutions(
     rows = connection.execute(query.order_by(columns.t_gps_ns).limit(limit + 1)).all()
     items = tuple(_solution(row) for row in rows[:limit])
     return Page(items, to_cursor([items[-1].t_gps_ns]) if len(rows) > limit else None)
+
+
+def quality(
+    connection: Connection, station: str, start: int | None, end: int | None, limit: int, cursor: str | None
+) -> Page[QualityReport]:
+    """A page of quality reports in order of time."""
+    columns = quality_table.c
+    query = _of_station(select(quality_table), quality_table, station, columns.t_gps_ns, start, end)
+    if cursor is not None:
+        query = query.where(columns.t_gps_ns > from_cursor(cursor, int)[0])
+    rows = connection.execute(query.order_by(columns.t_gps_ns).limit(limit + 1)).all()
+    items = tuple(_quality(row) for row in rows[:limit])
+    return Page(items, to_cursor([items[-1].t_gps_ns]) if len(rows) > limit else None)
+
+
+def latest_quality(connection: Connection, station: str, limit: int) -> tuple[QualityReport, ...]:
+    """The newest reports of a station, in order of time."""
+    columns = quality_table.c
+    query = select(quality_table).where(columns.station == station).order_by(columns.t_gps_ns.desc()).limit(limit)
+    return tuple(_quality(row) for row in reversed(connection.execute(query).all()))
+
+
+def _quality(row: Row[Any]) -> QualityReport:
+    return quality_codec.decode(row.station, row.t_gps_ns, row.t_receive_ns, row.report)
+
+
+def latest_solutions(connection: Connection, station: str, limit: int) -> tuple[Solution, ...]:
+    """The newest solutions of a station, in order of time."""
+    columns = solution_table.c
+    query = select(solution_table).where(columns.station == station).order_by(columns.t_gps_ns.desc()).limit(limit)
+    return tuple(_solution(row) for row in reversed(connection.execute(query).all()))
 
 
 def latest_solution(connection: Connection, station: str) -> Solution | None:

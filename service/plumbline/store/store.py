@@ -8,7 +8,7 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 from sqlalchemy import Connection, text
 
 from plumbline.config import ServerSettings, StationSettings
-from plumbline.records import AlertEvent, Motion, Output, Solution, StationStatus, Threshold
+from plumbline.records import AlertEvent, Motion, Output, QualityReport, Solution, StationStatus, Threshold
 from plumbline.store import alert_log, reading, registry, writing
 from plumbline.store.engine import Engines, open_engines, run_with_retry
 from plumbline.store.rows import AlertRow, Checkpoint, Device, MotionSeries, Page, StationRow
@@ -98,6 +98,22 @@ class Store:
         read on.
         """
         return await self._read(reading.motion, station, start_gps_ns, end_gps_ns, max_points, bucket_ns)
+
+    async def quality(
+        self,
+        station: str,
+        start_gps_ns: int | None = None,
+        end_gps_ns: int | None = None,
+        limit: int = 1000,
+        cursor: str | None = None,
+    ) -> Page[QualityReport]:
+        """Quality reports with start ≤ t < end, in order of time; raises ``ValueError`` for a cursor of none."""
+        return await self._read(reading.quality, station, start_gps_ns, end_gps_ns, limit, cursor)
+
+    async def latest(self, station: str, limit: int) -> tuple[tuple[Solution, ...], tuple[QualityReport, ...]]:
+        """The newest solutions and quality reports, in order of time."""
+        solutions = await self._read(reading.latest_solutions, station, limit)
+        return solutions, await self._read(reading.latest_quality, station, limit)
 
     async def motion_blocks(
         self, station: str, start_gps_ns: int | None = None, end_gps_ns: int | None = None, limit: int = 3600

@@ -84,6 +84,18 @@ motion = Table(
     Column("reason", Text, nullable=False, server_default=""),
 )
 
+quality = Table(
+    "quality",
+    metadata,
+    _key("station"),
+    _key("t_gps_ns", BigInteger),
+    _required("t_receive_ns"),
+    _required("observations", Integer),
+    _required("rejected", Integer),
+    *_numbers("protection_horizontal_m", "protection_vertical_m"),
+    _required("report", LargeBinary),
+)
+
 motion_summaries = Table(
     "motion_summaries",
     metadata,

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from plumbline.gps_time import NS_PER_S
-from plumbline.records import AlertEvent, Floats, Motion, Output, Solution, StationStatus
-from plumbline.store import alert_log, summaries
+from plumbline.records import AlertEvent, Floats, Motion, Output, QualityReport, Solution, StationStatus
+from plumbline.store import alert_log, quality_codec, summaries
 from plumbline.store.motion_codec import decode, encode, quantised
 from plumbline.store.rows import Checkpoint
 from plumbline.store.tables import checkpoints as checkpoint_table
 from plumbline.store.tables import motion as motion_table
+from plumbline.store.tables import quality as quality_table
 from plumbline.store.tables import solutions as solution_table
 from plumbline.store.tables import station_status
 from plumbline.store.upsert import upsert
@@ -31,6 +32,8 @@ def write(connection: Connection, batch: Sequence[Output], checkpoints: Sequence
     """Store everything; returns the number of records. Rows are keyed by station and event time, replays harmless."""
     solutions = [_solution_row(output) for output in batch if isinstance(output, Solution)]
     upsert(connection, solution_table, solutions)
+    reports = [_quality_row(output) for output in batch if isinstance(output, QualityReport)]
+    upsert(connection, quality_table, reports)
     _write_motion(connection, [output for output in batch if isinstance(output, Motion)])
     alert_log.apply(connection, [output for output in batch if isinstance(output, AlertEvent)])
     statuses = [_status_row(output) for output in batch if isinstance(output, StationStatus)]
@@ -68,6 +71,19 @@ def _solution_row(solution: Solution) -> tuple[Any, ...]:
         _number(solution.correction_age_s),
         _number(solution.pdop),
         json.dumps(dict(solution.extras), sort_keys=True) if solution.extras else None,
+    )
+
+
+def _quality_row(report: QualityReport) -> tuple[Any, ...]:
+    return (
+        report.station,
+        report.t_gps_ns,
+        report.t_receive_ns,
+        int(report.satellite.size),
+        int(np.count_nonzero(report.verdict)),
+        _number(report.protection_horizontal_m),
+        _number(report.protection_vertical_m),
+        quality_codec.encode(report),
     )
 
 
