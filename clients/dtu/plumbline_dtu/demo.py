@@ -94,7 +94,6 @@ def settings_toml(data_dir: Path, ports: Ports) -> str:
             f'quantity = "{quantity}"',
             f"level = {level}",
             f"dead_band = {level / 3:.4f}",
-            "on_delay_s = 2.0",
             "off_delay_s = 5.0",
         ]
     return "\n".join(lines) + "\n"

@@ -5,7 +5,7 @@ What a false alarm would come from, and what stands against it:
 - *a position that is not one yet*: displacement, velocity and rate are judged only where the block rests on a converged
   solution (``TRUSTED``). While a station converges, coasts without GNSS or refuses its solutions, a threshold on them
   keeps the phase it has: nothing is raised, and nothing is cleared either. An acceleration is the sensor's own and
-  always judged.
+  judged wherever the block has one: the fusion gives none until it knows the sensor's bias.
 - *noise*: a displacement counts only where it is ``SIGNIFICANCE`` sigmas from zero, so a level below what the station
   can see does not flap. Where the station is good (3 sigma below the level) the level is the level.
 - *a block that is revised*: event time only moves on. A block that was judged is not judged again; one that could not

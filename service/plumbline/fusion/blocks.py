@@ -1,24 +1,36 @@
 """Blocks of motion from a second's run: rows to records, sigma and status."""
 
+from typing import Final
+
 import numpy as np
 
 from plumbline.config import FusionSettings
-from plumbline.fusion.second import Run
+from plumbline.fusion.second import Run, baseline_is_settled
 from plumbline.fusion.state import FusionState, Node, Second
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Motion, Status
+
+_NO_BASELINE: Final = "no acceleration yet: the sensor's bias is being learnt"
 
 
 def motions_of(
     state: FusionState, second: Second, run: Run, t_receive_ns: int, rows_from_ns: int, settings: FusionSettings
 ) -> list[Motion]:
-    """The block of a grid second; of a second of GNSS alone, a block of one sample for each solution from a time on."""
+    """The block of a grid second; of a second of GNSS alone, a block of one sample for each solution from a time on.
+
+    There is no acceleration until the baseline has settled: before, it is the sensor's bias as much as the structure's.
+    """
     if second.rate:
         first_ns = second.second * NS_PER_S
         interval_ns = NS_PER_S // second.rate
         end_ns = first_ns + (second.rate - 1) * interval_ns
         status, reason = _status(state, run.node, end_ns, settings)
-        return [_motion(state, second, first_ns, interval_ns, run.rows, run.node, status, reason, t_receive_ns)]
+        rows = run.rows
+        if not baseline_is_settled(run.node, end_ns):
+            rows = rows.copy()
+            rows[:, 6:9] = np.nan
+            reason = reason or _NO_BASELINE
+        return [_motion(state, second, first_ns, interval_ns, rows, run.node, status, reason, t_receive_ns)]
     motions = []
     for k, t_ns in enumerate(run.t_gps_ns):
         if t_ns >= rows_from_ns:

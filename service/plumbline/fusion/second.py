@@ -10,6 +10,7 @@ from plumbline.epochs.time_matching import grid_time_ns, nearest_grid_index
 from plumbline.estimation.kalman import cholesky_lower, lower_inverse
 from plumbline.fusion.kernels import OUTPUTS, propagate, step_coasting
 from plumbline.fusion.state import BASELINE, DISPLACEMENT, N_STATES, VELOCITY, Innovation, Measurement, Node, Second
+from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Status
 
 UNKNOWN_VELOCITY_SIGMA_M_S: Final = 0.1  # a structure, most of the time, stands
@@ -19,6 +20,7 @@ UNKNOWN_BASELINE_SIGMA_M_S2: Final = 1.0  # mounting: a tenth of g at most
 LEAST_BASELINE_SIGMA_M_S2: Final = 1.0e-3
 BASELINE_MEMORY_S: Final = 20.0  # standstill: how far back the mean of the samples reaches
 BASELINE_CORRELATION_S: Final = 1.0  # the shaking that the mean averages over is this slow
+BASELINE_SETTLED_S: Final = 10.0  # until then a slow sway may hide in the baseline: no acceleration is told
 LOST_SIGMA_M: Final = 2.0  # a displacement this uncertain is none
 FORGOTTEN_SIGMA_M: Final = 100.0  # a solution after this is a new start (beyond it, the covariance would lose digits)
 
@@ -77,7 +79,7 @@ def index_in_second(second: Second, t_gps_ns: int) -> int:
 
 def _run_grid(second: Second, measurements: list[Measurement], settings: FusionSettings) -> Run:
     samples = second.acceleration_m_s2[: second.filled]
-    f = _opened(_with_baseline(second.entry, samples, second.rate))
+    f = _opened(_with_baseline(_since(second), samples, second.rate))
     rows, innovations, noise = np.empty((len(samples), OUTPUTS)), [], noise_of(settings)
     at = 0
     for m in measurements:
@@ -148,6 +150,20 @@ def _exceeds(p: Floats, sigma_m: float) -> bool:
 
 
 # ------------------------------------------------------------------------------------------- baseline at standstill
+
+
+def baseline_is_settled(node: Node, t_gps_ns: int) -> bool:
+    """Whether the baseline has been learnt for long enough that what is left of a sample is the structure's own."""
+    return node.t_baseline_gps_ns is not None and t_gps_ns - node.t_baseline_gps_ns >= BASELINE_SETTLED_S * NS_PER_S
+
+
+def _since(second: Second) -> Node:
+    """The node at a second's entry, with the time of the first sample that there has been."""
+    valid = np.flatnonzero(~np.isnan(second.acceleration_m_s2[: second.filled, 0]))
+    if second.entry.t_baseline_gps_ns is not None or len(valid) == 0:
+        return second.entry
+    t_first_ns = grid_time_ns(second.second * second.rate + int(valid[0]), second.rate)
+    return replace(second.entry, t_baseline_gps_ns=t_first_ns)
 
 
 def _with_baseline(node: Node, samples: Floats, rate: int) -> Node:

@@ -35,6 +35,7 @@ class Node:
     last_acceleration_m_s2: Floats  # (3,) ENU, gravity taken off, of the sample at t_gps_ns; NaN: none
     baseline_samples: int = 0
     baseline_scatter_m2_s4: Floats = field(default_factory=lambda: np.zeros(3))  # variance of those samples
+    t_baseline_gps_ns: int | None = None  # since when there have been samples to learn the baseline from
     t_solution_gps_ns: int | None = None  # of the last solution that was applied
     solution_status: Status = Status.NO_OBSERVATIONS
     solution_variance_m2: Floats = field(default_factory=lambda: np.zeros(3))  # of the same, ENU

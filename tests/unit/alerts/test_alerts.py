@@ -165,3 +165,18 @@ def test_the_replay_of_an_old_recording_is_not_silent() -> None:
     records = [status(k, min(k, 20) - old) for k in range(40)]
     _, events = run(records, Threshold("gap", "A", "data_gap", 10.0))
     assert kinds(events) == [(AlertState.ACTIVE, 30.0)]
+
+
+def accelerating(second: int, east: float) -> Motion:
+    block = motion(second, 0.0, Status.NO_OBSERVATIONS)
+    values = np.zeros((10, 3))
+    values[:, 0] = east
+    return replace(block, acceleration_enu_m_s2=values)
+
+
+def test_an_acceleration_that_is_not_known_yet_is_not_judged() -> None:
+    """An alert stays as it is over blocks without acceleration; GNSS is not needed to raise one or to clear it."""
+    limit = Threshold("shaken", "A", "acceleration_horizontal", 0.06)
+    unknown = float("nan")
+    _, events = run([accelerating(k, a) for k, a in enumerate([unknown, unknown, 0.1, unknown, 0.1, 0.0])], limit)
+    assert kinds(events) == [(AlertState.ACTIVE, 2.0), (AlertState.CLEARED, 5.0)]

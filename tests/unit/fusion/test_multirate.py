@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from tests.unit.fusion.scenes import SETTINGS, T0, S, block, feed, in_order, shaken, solution, stored
 
+from plumbline.alerts import AlertsState, evaluate
 from plumbline.fusion import initial_state, receive_inertial, receive_solution
-from plumbline.records import InertialBlock, Solution, Status
+from plumbline.records import InertialBlock, Solution, Status, Threshold
 
 
 def delayed(solutions: list[Solution], blocks: list[InertialBlock], by: int) -> list[Solution | InertialBlock]:
@@ -110,11 +111,55 @@ def test_baseline_is_found_whichever_comes_first(first: str) -> None:
 
 
 def test_before_the_first_solution_there_is_acceleration_and_no_displacement() -> None:
-    _, blocks = shaken(4)
+    _, blocks = shaken(14)
     _, published = feed(blocks)
-    assert [m.status for m in published] == [Status.NO_OBSERVATIONS] * 4
+    assert [m.status for m in published] == [Status.NO_OBSERVATIONS] * 14
     assert np.isnan(published[-1].displacement_enu_m).all()
     assert np.isfinite(published[-1].acceleration_enu_m_s2).all()
+
+
+@pytest.mark.parametrize("with_solutions", [False, True])
+def test_no_acceleration_is_told_before_the_bias_can_be_known(with_solutions: bool) -> None:
+    """Oracle: the motion fed in: a sway of 0.1 Hz whose first seconds look like a bias, on a sensor with a bias."""
+    amplitude, omega = 0.1, 2 * np.pi * 0.1
+    t = np.arange(40 * 100) / 100
+    truth = np.outer(amplitude * np.cos(omega * t), [1.0, 0.0, 0.0])
+    bias = np.array([0.12, -0.2, 0.05])
+    blocks = [block(T0 + k * S, truth[k * 100 : k * 100 + 100] + bias) for k in range(40)]
+    displacement = -truth[::100] / omega**2
+    solutions = [solution(T0 + k * S, displacement[k]) for k in range(40)]
+    _, published = feed(in_order(solutions, blocks) if with_solutions else blocks)
+    kept = stored(published)
+    told = np.array([np.isfinite(kept[T0 + k * S].acceleration_enu_m_s2).all() for k in range(40)])
+    assert list(told) == [False] * 10 + [True] * 30
+    assert all(kept[T0 + k * S].reason for k in range(10))
+    assert "bias" in kept[T0].reason or not with_solutions
+    assert kept[T0 + 39 * S].reason == "" or not with_solutions
+    error = [kept[T0 + k * S].acceleration_enu_m_s2 - truth[k * 100 : k * 100 + 100] for k in range(10, 40)]
+    assert np.abs(np.vstack(error)).max() < 0.3 * amplitude
+
+
+def test_a_station_that_starts_in_the_middle_of_a_sway_raises_no_false_alarm() -> None:
+    """Oracle: the sway fed in: 0.09 m/s² at most, under a level of 0.13; the first second's mean would double it."""
+    t = np.arange(30 * 100) / 100
+    sway = np.outer(0.09 * np.cos(2 * np.pi * 0.3 * t), [0.0, 1.0, 0.0])
+    blocks = [block(T0 + k * S, np.add(sway[k * 100 : k * 100 + 100], [0.12, -0.2, 0.05])) for k in range(30)]
+    _, published = feed(blocks)
+    level = Threshold("sway", "A", "acceleration_horizontal", 0.13)
+    alerts, raised = AlertsState(), []
+    for motion in published:
+        alerts, events = evaluate(alerts, [level, replace(level, threshold_id="low", level=0.06)], motion)
+        raised += events
+    assert [event.threshold_id for event in raised] == ["low"]
+    assert raised[0].t_gps_ns < T0 + 15 * S
+
+
+def test_samples_that_come_back_need_no_new_bias() -> None:
+    solutions, blocks = shaken(40)
+    pairs = list(zip(solutions, blocks, strict=True))
+    records = [r for k, pair in enumerate(pairs) for r in pair[: 1 if 15 <= k < 25 else 2]]
+    _, published = feed(records)
+    assert np.isfinite(stored(published)[T0 + 26 * S].acceleration_enu_m_s2).all()
 
 
 def test_without_gnss_sigma_grows_and_the_status_says_so() -> None:
@@ -154,12 +199,12 @@ def test_missing_samples_fall_back_to_gnss() -> None:
 
 
 def test_a_hole_within_a_second_is_coasted_through() -> None:
-    solutions, blocks = shaken(10)
-    holed = blocks[5].specific_force_m_s2.copy()
+    solutions, blocks = shaken(20)
+    holed = blocks[15].specific_force_m_s2.copy()
     holed[20:60] = np.nan
-    blocks[5] = replace(blocks[5], specific_force_m_s2=holed)
+    blocks[15] = replace(blocks[15], specific_force_m_s2=holed)
     _, published = feed(in_order(solutions, blocks))
-    motion = stored(published)[T0 + 5 * S]
+    motion = stored(published)[T0 + 15 * S]
     assert np.isfinite(motion.displacement_enu_m).all()
     assert np.isnan(motion.acceleration_enu_m_s2).any(axis=1).sum() == 40
 
