@@ -17,7 +17,7 @@ from plumbline.records import Status
 
 AVERAGED: Final = {"G123": ("G1", "G2", "G3")}  # not processed: the average of others
 PHASE_SIGMA_M: Final = "0.006"  # what an operator would set on a platform beside walls: multipath, not noise
-_FIXED: Final = frozenset({str(Status.RTK_FIXED)})
+_NOT_FIXED: Final = frozenset(map(str, (Status.RTK_FLOAT, Status.CONVERGING, Status.SINGLE_POINT)))
 _NS_PER_MS: Final = 1_000_000
 
 
@@ -54,7 +54,7 @@ def read_scheme(folder: Path, truth: Truth, scheme: str) -> Series:
                 if row["e_m"]:
                     times.append(round(float(row["t_gps_s"]) * 1e3) * _NS_PER_MS)
                     places.append((float(row["e_m"]), float(row["n_m"]), float(row["u_m"])))
-                    fixed.append(row["status"] in _FIXED)
+                    fixed.append(row["status"] not in _NOT_FIXED)
     except (KeyError, ValueError) as error:
         raise FileFormatError(f"{path}: {error!r}") from error
     return series_at(

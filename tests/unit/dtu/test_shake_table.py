@@ -142,9 +142,7 @@ def test_imu_noise_is_table_1s() -> None:
     assert found[0].interval_us == 5000
     density, rate_density = 0.046e-3 * 9.80665, math.radians(0.0035) / 60.0
     assert (force - true_force).std(axis=0) == pytest.approx([density * math.sqrt(200.0)] * 3, rel=0.03)
-    assert (rate - true_rate).std(axis=0) == pytest.approx(
-        [math.radians(0.0035) / 60.0 * math.sqrt(200.0)] * 3, rel=0.03
-    )
+    assert (rate - true_rate).std(axis=0) == pytest.approx([rate_density * math.sqrt(200.0)] * 3, rel=0.03)
     assert np.abs((force - true_force).mean(axis=0)).max() < 5.0 * ImuErrors().start_factor * 0.0241e-3 * 9.8
 
 
