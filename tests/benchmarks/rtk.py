@@ -217,12 +217,12 @@ def _theirs(given: _Input, folder: Path) -> dict[str, tuple[Callable[[], float],
     return jobs
 
 
-def _fixed(path: Path) -> str:
+def _fixed(path: Path) -> tuple[int, int]:
     """Fixed and all epochs of one of RTKLIB's position files."""
     with contextlib.suppress(OSError):
         quality = [line.split()[5] for line in path.read_text().splitlines() if line[:1] not in ("%", "")]
-        return f"{quality.count('1')} of {len(quality)}"
-    return "none"
+        return quality.count("1"), len(quality)
+    return 0, 0
 
 
 def run() -> list[Row]:
@@ -237,12 +237,13 @@ def run() -> list[Row]:
                 least["ours"] = min(least["ours"], ours())
                 for peer, (job, _) in peers.items():
                     least[peer] = min(least.get(peer, float("inf")), job())
-            count = len(given.epochs) - 1
-            ms = {peer: 1e3 * seconds / count for peer, seconds in least.items()}
+            ours_ms = 1e3 * least["ours"] / (len(given.epochs) - 1)
             for peer, (_, out) in peers.items():
-                print(f"{given.name}: fixed {fixed[0]} of {count + 1}, {peer} {_fixed(out)}", file=sys.stderr)
+                theirs, count = _fixed(out)  # after the week crossing RTKLIB gives no more positions
+                print(f"{given.name}: fixed {fixed[0]}/{len(given.epochs)}, {peer} {theirs}/{count}", file=sys.stderr)
                 job_name = f"RTK {given.name}, {fixed[1]} satellites, two frequencies"
-                rows.append(time_row(job_name, peer, ms["ours"], ms[peer], "ms/epoch", target=1 / 0.3))
+                peer_ms = 1e3 * least[peer] / max(count - 1, 1)
+                rows.append(time_row(job_name, peer, ours_ms, peer_ms, "ms/epoch", target=1 / 0.3))
     return rows
 
 

@@ -305,8 +305,3 @@ def resolve(
     return Resolution(
         not reason, transform, best, values, second, float(norms[0]), float(norms[1]), float(rate), reason
     )  # fmt: skip
-
-
-def warm_up() -> None:
-    """Call every kernel once with arguments of the types that positioning uses."""
-    resolve(np.array([5.45, 3.1, 2.97]), np.eye(3) * 0.01)

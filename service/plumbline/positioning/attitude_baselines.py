@@ -112,7 +112,7 @@ def _with_length(
     vectors = (x[POSITION] - (x[at] - integers) @ gain.T) @ enu.T
     covariance = enu @ (q[POSITION, POSITION] - gain @ q_ab) @ enu.T
     lengths = np.linalg.norm(vectors, axis=1)
-    along = vectors / lengths[:, None]
+    along = vectors / np.maximum(lengths, 1e-9)[:, None]
     variance = np.einsum("ki,ij,kj->k", along, covariance, along) + LENGTH_SIGMA_M**2
     costs = norms + (lengths - length_m) ** 2 / variance
     order = np.argsort(costs, kind="stable")

@@ -27,7 +27,7 @@ _NS: Final = 1_000_000_000
 _SAME_INSTANT_NS: Final = 2_000_000  # receivers' clocks steer to the millisecond
 _CN0_REFERENCE_DB_HZ: Final = 45.0
 _GLONASS_CODE_FACTOR: Final = 3.0  # inter-channel code biases
-_CLOCK_INSTABILITY_M_S: Final = 0.0012  # of satellite clock and orbit predictions over some seconds
+_CLOCK_INSTABILITY_M_S: Final = 0.0016  # of satellite clock and orbit predictions over some seconds
 _ATMOSPHERE_RELATIVE: Final = 1e-6  # differential ionosphere and troposphere a distance between the antennas
 
 
