@@ -23,6 +23,7 @@ from plumbline.config import Mode, StationSettings
 from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
+from plumbline.epochs.time_base import TimeBase
 from plumbline.gps_time import NS_PER_S, WEEK_NS
 from plumbline.positioning import ppp, rtk
 from plumbline.positioning.broadcast_source import BroadcastSource
@@ -50,7 +51,7 @@ from plumbline.signals import System
 __all__ = ["Books", "NavigationFeed", "Pipeline"]
 
 _STATUS_INTERVAL_NS: Final = NS_PER_S
-_HELD_SPAN_NS: Final = 60 * NS_PER_S  # how long observations wait for an ephemeris to tell their week
+_HELD_SPAN_NS: Final = 180 * NS_PER_S  # how long messages wait for an ephemeris to tell their week
 
 
 @dataclass(slots=True)
@@ -66,7 +67,8 @@ class PipelineState:
     waiting: list[Epoch] = field(default_factory=list)  # for the base's epoch of the same instant
     motion: fusion.FusionState | None = None
     alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
-    held: list[tuple[Observations, int]] = field(default_factory=list)
+    held: list[tuple[Observations | InertialMessage, int]] = field(default_factory=list)
+    base_offset_ns: int | None = None  # of the time base that the series rests on
     counters: Counter[str] = field(default_factory=Counter)
     last_solution: Solution | None = None
     t_last_data_ns: int | None = None  # receive time of the last decoded observations
@@ -147,10 +149,8 @@ class Pipeline:
     def _message(self, message: DecodedMessage, t_receive_ns: int) -> list[Output]:
         if self._learn(message, t_receive_ns):
             return self._release_held() if self.state.books.time_base.known else []
-        if isinstance(message, Observations):
-            return self._observations(message, t_receive_ns)
-        if isinstance(message, InertialMessage):
-            return self._inertial(message.block(self._near(t_receive_ns), t_receive_ns))
+        if isinstance(message, Observations | InertialMessage):
+            return self._timed(message, t_receive_ns)
         if isinstance(message, Message):
             self.state.description = describe(self.state.description, message)
         return []
@@ -163,33 +163,52 @@ class Pipeline:
             self._source = self._books_source()
         return learned
 
-    def _near(self, t_receive_ns: int) -> int:
-        """A time within half a week of what the stream means: by its own ephemerides, else by the shared ones."""
+    def _base(self) -> TimeBase:
+        """What tells the stream's week: its own ephemerides, else the shared ones."""
         own, shared = self.state.books.time_base, self._shared.time_base
-        return (shared if shared.known and not own.known else own).near(t_receive_ns)
+        return shared if shared.known and not own.known else own
 
-    def _observations(self, message: Observations, t_receive_ns: int) -> list[Output]:
-        """Hold observations back until an ephemeris tells their week; without one no position is lost by it."""
-        self.state.t_last_data_ns = t_receive_ns
-        if self.state.books.time_base.known or self._shared.time_base.known:
-            return self._release_held() + self._assemble(message, t_receive_ns)
+    def _timed(self, message: Observations | InertialMessage, t_receive_ns: int) -> list[Output]:
+        """Hold messages back until an ephemeris tells their week; without one no position is lost by it."""
+        if isinstance(message, Observations):
+            self.state.t_last_data_ns = t_receive_ns
+        if self._base().known:
+            return self._release_held() + self._use(message, t_receive_ns)
         self.state.held.append((message, t_receive_ns))
-        first, first_receive_ns = self.state.held[0]
-        span_ns = message.t_gps_ns(t_receive_ns) - first.t_gps_ns(first_receive_ns)
-        return self._release_held() if abs(span_ns) > _HELD_SPAN_NS else []
+        first, last = (_time_of(*self.state.held[k]) for k in (0, -1))
+        return self._release_held() if abs(last - first) > _HELD_SPAN_NS else []
 
     def _release_held(self) -> list[Output]:
         held, self.state.held = self.state.held, []
-        return [output for message, t_receive_ns in held for output in self._assemble(message, t_receive_ns)]
+        return [output for message, t_receive_ns in held for output in self._use(message, t_receive_ns)]
 
-    def _assemble(self, message: Observations, t_receive_ns: int) -> list[Output]:
+    def _use(self, message: Observations | InertialMessage, t_receive_ns: int) -> list[Output]:
+        base = self._base()
+        if self.state.base_offset_ns is not None and abs(base.offset_ns - self.state.base_offset_ns) > WEEK_NS // 2:
+            self._begin_anew()
+        self.state.base_offset_ns = base.offset_ns
+        near_ns = base.near(t_receive_ns)
+        if isinstance(message, InertialMessage):
+            return self._inertial(message.block(near_ns, t_receive_ns))
+        return self._assemble(message, message.t_gps_ns(near_ns), t_receive_ns)
+
+    def _begin_anew(self) -> None:
+        """The stream turns out to mean another week: what was filtered so far belongs to another series."""
+        self.state.counters["time_base_moved_under_the_series"] += 1
+        self.state.assemblers.clear()
+        self.state.waiting.clear()
+        self.state.position = PppState(reference_position_ecef_m=self.state.position.reference_position_ecef_m)
+        self.state.relative = RtkState()
+        self.state.motion = None
+
+    def _assemble(self, message: Observations, t_gps_ns: int, t_receive_ns: int) -> list[Output]:
         if self._antenna_is_other(message.station):
             return []
         assembler = self.state.assemblers.get(message.station)
         if assembler is None:
             assembler = self.state.assemblers[message.station] = EpochAssembler(self._deadline_ns)
         self._tell_channels(assembler, message, t_receive_ns)
-        epochs = assembler.receive(message, message.t_gps_ns(self._near(t_receive_ns)), t_receive_ns)
+        epochs = assembler.receive(message, t_gps_ns, t_receive_ns)
         return [output for epoch in epochs for output in self.process_epoch(epoch)]
 
     def _tell_channels(self, assembler: EpochAssembler, message: Observations, t_receive_ns: int) -> None:
@@ -339,3 +358,10 @@ class Pipeline:
             own.corrections if own.has_corrections else shared.corrections,
             self.settings.positioning,
         )
+
+
+def _time_of(message: Observations | InertialMessage, t_receive_ns: int) -> int:
+    """A message's time by its receive time alone: differences are right, the week may not be."""
+    if isinstance(message, InertialMessage):
+        return message.block(t_receive_ns, t_receive_ns).t_first_gps_ns
+    return message.t_gps_ns(t_receive_ns)

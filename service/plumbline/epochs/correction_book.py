@@ -84,6 +84,10 @@ class CorrectionBook:
             own = correction if len(systems) == 1 else _of_system(correction, system)
             self._insert(_Logged(correction.header.t_receive_ns, stream, system, own))
 
+    def clear(self) -> None:
+        """Forget everything: the times of what came so far have turned out wrong."""
+        self._log, self._dropped, self._base, self._known, self._vtec = [], 0, {}, {}, None
+
     def _insert(self, logged: _Logged) -> None:
         place = len(self._log)
         if self._log and logged.t_receive_ns < self._log[-1].t_receive_ns:

@@ -11,10 +11,18 @@ from plumbline.epochs.correction_book import CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
 from plumbline.epochs.time_base import TimeBase
 from plumbline.epochs.translate_ssr import SsrTranslator
-from plumbline.records import UNKNOWN_CHANNEL, AntennaDescription, Ephemeris, Epoch, GlonassEphemeris
+from plumbline.records import (
+    UNKNOWN_CHANNEL,
+    AntennaDescription,
+    Ephemeris,
+    Epoch,
+    GlonassEphemeris,
+    SsrClock,
+    SsrOrbit,
+)
 from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Observations, Unknown, decode
 from plumbline.rtcm3.station import describe
-from plumbline.signals import System
+from plumbline.signals import System, system_of
 
 _WEEKLESS_KEPT: Final = 500
 _BASE_DEADLINE_NS: Final = 800_000_000  # how long a base's epoch waits for late constellations
@@ -98,6 +106,7 @@ class Books:
             self._weekless = [*self._weekless[-_WEEKLESS_KEPT:], (message, t_receive_ns)]
         if moved:
             self.counters["time_base_moved"] += 1
+            self.corrections.clear()
         if self.time_base.known and self._weekless:
             waiting, self._weekless = self._weekless, []
             for earlier, received_ns in waiting:
@@ -111,7 +120,8 @@ class Books:
             return
         self.has_corrections = self.has_corrections or bool(corrections)
         for correction in corrections:
-            self.time_base.observe(correction.header.t_gps_ns)
+            if isinstance(correction, SsrOrbit | SsrClock) and not _is_glonass(correction):
+                self.time_base.observe(correction.header.t_gps_ns)  # a stale bias's time is that of its arrival
             self.corrections.add(correction, stream)
 
 
@@ -172,3 +182,8 @@ class NavigationFeed:
         """What was not used, by reason."""
         of_base = self._assembler.counters if self._assembler is not None else {}
         return self._decoder.counters | dict(of_base)
+
+
+def _is_glonass(correction: SsrOrbit | SsrClock) -> bool:
+    """GLONASS's times name no day of the week."""
+    return correction.satellite.size > 0 and system_of(int(correction.satellite[0])) is System.GLONASS
