@@ -108,6 +108,8 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--systems", default="GREC")
     parser.add_argument("--elevation-mask", type=float, default=7.0, metavar="DEG")
     parser.add_argument("--ar", choices=("off", "on"), default="off", help="ambiguity resolution")
+    parser.add_argument("--quality-log", type=Path, metavar="FILE", help="JSON lines: tests and observations an epoch")
+    parser.add_argument("--quality-control", choices=("on", "off"), default="on", help="off: leave nothing out")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")
     parser.set_defaults(run=_process, motion=AntennaMotion.KINEMATIC)
 
@@ -149,7 +151,7 @@ def _process(options: argparse.Namespace) -> int:
         rtk["phase_sigma_m"] = options.phase_sigma
     settings = offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
-        options.ar, options.rotation_deg, options.antex, rtk,
+        options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
     )  # fmt: skip
     request = offline.ProcessRequest(
         settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
@@ -160,6 +162,9 @@ def _process(options: argparse.Namespace) -> int:
         outputs = offline.run(request, partial(_advance, bar))
     rows = offline.write_csv(options.output, outputs, mode)
     print(f"{options.output}: {rows} rows", file=sys.stderr)
+    if options.quality_log is not None:
+        lines = offline.write_quality_log(options.quality_log, outputs)
+        print(f"{options.quality_log}: {lines} epochs", file=sys.stderr)
     return 0
 
 

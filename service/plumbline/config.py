@@ -64,6 +64,11 @@ class PositioningSettings(_Frozen):
     galileo_message: Literal["INAV", "FNAV"] = "INAV"  # the ephemerides that the corrections' clocks refer to
     corrections_refer_to: Literal["phase_centre", "centre_of_mass"] = "phase_centre"  # the corrected orbits
     max_gap_s: float = Field(600.0, gt=0)  # the filter's ambiguities are kept over gaps up to this
+    quality_control: Literal["on", "off"] = "on"  # off: nothing is left out
+    test_significance: float = Field(0.05, gt=0, lt=1)  # of the global test, familywise
+    test_power: float = Field(0.80, gt=0, lt=1)  # at which minimal detectable biases are found
+    w_test_significance: float = Field(0.001, gt=0, lt=1)
+    integrity_risk: float = Field(1e-5, gt=0, lt=0.1)  # that the position's error exceeds its protection level
     converged_sigma_m: float = Field(0.05, gt=0)  # three-dimensional sigma at which "converging" ends
 
 

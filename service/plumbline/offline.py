@@ -32,7 +32,8 @@ from plumbline.pipeline import Pipeline
 from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.solutions import rotation_at
-from plumbline.records import AntennaDescription, Epoch, InertialBlock, Motion, Output, Solution
+from plumbline.quality.report import log_line
+from plumbline.records import AntennaDescription, Epoch, InertialBlock, Motion, Output, QualityReport, Solution
 
 COLUMNS: Final = (
     "t_gps_s", "status", "n_satellites", "e_m", "n_m", "u_m", "sigma_e_m", "sigma_n_m", "sigma_u_m",
@@ -258,6 +259,14 @@ def write_csv(path: Path, outputs: Sequence[Output], mode: Mode) -> int:
     return count
 
 
+def write_quality_log(path: Path, outputs: Sequence[Output]) -> int:
+    """Quality reports as JSON lines, one an epoch; returns their number."""
+    reports = [output for output in outputs if isinstance(output, QualityReport)]
+    with path.open("w", encoding="utf-8") as stream:
+        stream.writelines(log_line(report) + "\n" for report in reports)
+    return len(reports)
+
+
 def _solutions(outputs: Sequence[Output]) -> list[Solution]:
     return [output for output in outputs if isinstance(output, Solution)]
 
@@ -346,6 +355,7 @@ def settings_of(
     rotation_deg: float = 0.0,
     antex: Path | None = None,
     rtk: Mapping[str, object] | None = None,
+    quality_control: str = "on",
 ) -> StationSettings:
     """Station settings from the command line's words."""
     return StationSettings.model_validate(
@@ -360,6 +370,7 @@ def settings_of(
                 "elevation_mask_deg": elevation_mask_deg,
                 "motion": motion,
                 "ambiguity_resolution": ambiguity_resolution,
+                "quality_control": quality_control,
             },
             "rtk": dict(rtk or {}),
             "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},

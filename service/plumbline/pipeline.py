@@ -33,6 +33,7 @@ from plumbline.positioning.rtk_state import RtkState
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.state import PppState
 from plumbline.positioning.station_facts import facts_of
+from plumbline.quality.report import quality_report
 from plumbline.records import (
     UNKNOWN_CHANNEL,
     AntennaDescription,
@@ -239,10 +240,12 @@ class Pipeline:
         if self.settings.mode is Mode.RTK:
             self.state.waiting.append(epoch)
             return self._release_waiting(epoch.t_receive_ns)
-        self.state.position, solution = ppp.step(
-            self.state.position, epoch, self._source, self.settings.positioning, self._facts_at(epoch)
+        settings = self.settings.positioning
+        self.state.position, solution, found = ppp.step_with_quality(
+            self.state.position, epoch, self._source, settings, self._facts_at(epoch)
         )
-        return self._solved(solution)
+        reports = [] if found is None else [quality_report(solution, self.state.position, found, settings)]
+        return [*self._solved(solution), *reports]
 
     def _facts_at(self, epoch: Epoch) -> StationFacts:
         if self._facts is None:

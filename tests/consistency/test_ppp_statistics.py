@@ -55,5 +55,5 @@ def test_innovations_are_as_large_as_claimed(motion, monkeypatch):
         for solution, quality in list(_run(Sky(), settings_of(motion=motion), seed))[20:]:
             total += quality.nis
             free = (4 if motion == "kinematic" else 1) + solution.extras["new_ambiguities"]
-            freedom += quality.whitened.size - free
+            freedom += quality.used.sum() - free
     assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)

@@ -43,7 +43,7 @@ async def get_availability(row: ExistingStation, store: StorePart, span: Span) -
         return []
     end = span[1] if span[1] is not None else newest[-1].t_gps_ns + NS_PER_S
     start = span[0] if span[0] is not None else _day_of(end - 1)
-    days = []
+    days: list[AvailabilityOut] = []
     while start < end and len(days) < _MAX_DAYS:
         until = min(_day_of(start) + DAY_NS, end)
         days.append(availability_view(name, availability(await _solutions(store, name, start, until), start, until)))

@@ -144,17 +144,22 @@ def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
 
 
 @njit(cache=True)
-def update_sequential(x: Floats, p: Floats, h: Floats, r: Floats, v: Floats, use: NDArray[np.bool_]) -> None:
-    """Update ``x`` and ``p`` in place by the observations marked in ``use``; ``v`` belongs to the ``x`` given."""
+def update_sequential(x: Floats, p: Floats, h: Floats, r: Floats, v: Floats, use: NDArray[np.bool_]) -> float:
+    """Update ``x`` and ``p`` in place by the observations marked in ``use``; ``v`` belongs to the ``x`` given.
+
+    Returns their NIS, the sum of squares of their whitened innovations.
+    """
     start = x.copy()
-    n = x.size
+    n, nis = x.size, 0.0
     for i in range(v.size):
         if use[i]:
             moved = 0.0
             for j in range(n):
                 moved += h[i, j] * (x[j] - start[j])
-            update_scalar(x, p, h[i], r[i], v[i] - moved)
+            left = v[i] - moved
+            nis += left * left / update_scalar(x, p, h[i], r[i], left)
     for i in range(n):
         for j in range(i):
             mean = 0.5 * (p[i, j] + p[j, i])
             p[i, j], p[j, i] = mean, mean
+    return nis

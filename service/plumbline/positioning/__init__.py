@@ -2,7 +2,8 @@
 
     epoch ► preprocess (signal pairs, ionosphere-free) ► satellites (orbits, clocks, biases)
           ► ppp_model (what should have been measured) ► cycle_slip (arcs)
-          ► ppp_noise (what to believe) ► ppp_filter (test, update) ► solution, or the reason for none
+          ► ppp_noise (what to believe) ► control (what to leave out) ► ppp_filter (update)
+          ► solution, or the reason for none
 
 ``ppp.step(state, epoch, source, settings, facts) -> (state, solution)`` is the whole of it.
 """

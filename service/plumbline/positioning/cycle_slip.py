@@ -2,9 +2,10 @@
 
 An ambiguity begins anew when the receiver says so (loss of lock, lock time, half-cycle flag), when the pair of signals
 or the corrections' discontinuity counter changes, and when the data say so: the geometry-free phase leaves its own
-extrapolation, or Melbourne-Wübbena its mean over the arc. Thresholds follow the interval between epochs, since at 30 s
-the ionosphere moves centimetres and at 1 Hz millimetres. One cycle on both frequencies leaves Melbourne-Wübbena
-untouched and moves the geometry-free phase by 5 cm: what hides there is left to the filter's own test.
+extrapolation and stays away. For one epoch a phase that does is only doubted, and not used: when it comes back it was
+an outlier, and the ambiguity is still good. Thresholds follow the interval between epochs, since at 30 s the ionosphere
+moves centimetres and at 1 Hz millimetres. One cycle on both frequencies moves the geometry-free phase by 5 cm: what
+hides there is left to the filter's own test (:mod:`plumbline.positioning.control`), as are the codes.
 """
 
 from typing import Final
@@ -19,11 +20,14 @@ from plumbline.records import Floats, Ints
 _PHASE_SIGMA_M: Final = 0.002  # of one phase at the zenith, for the geometry-free test
 _IONOSPHERE_M_S: Final = 0.0007  # unforeseen geometry-free rate at the zenith: 0.4 TECU a minute
 _IONOSPHERE_FIRST_M_S: Final = 0.002  # the same when no rate is known yet
-_WIDE_LANE_SIGMA_CYCLES: Final = 0.2  # of Melbourne-Wübbena at the zenith: 0.25 m of code
 _FACTOR: Final = 4.0  # thresholds in standard deviations
 _RATE_TIME_CONSTANT_S: Final = 30.0
-_WIDE_LANE_MEMORY: Final = 500  # epochs after which the mean forgets
 _LOWEST_SINE: Final = 0.1
+_DOUBTED_LIMIT: Final = 3  # epochs in a row that agree neither with the arc nor with each other
+
+#: Why an arc began: the satellite rose or was away for long; receiver or corrections say so; the geometry-free phase
+#: stayed where it had jumped to; the filter refused the phase, alike, epoch after epoch.
+BEGAN_NEW, BEGAN_TOLD, BEGAN_GEOMETRY_FREE, BEGAN_REFUSED = range(4)
 
 
 @njit(cache=True)
@@ -58,21 +62,34 @@ def _told(pair, arc, dt_s: float) -> bool:  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _seen(pair, arc, dt_s: float, sine: float) -> bool:  # type: ignore[no-untyped-def]
-    """Whether the data show a slip: geometry-free against its extrapolation, Melbourne-Wübbena against its mean."""
+def _jumped(pair, arc, from_m: float, from_ns: int, t_ns: int, sine: float) -> bool:  # type: ignore[no-untyped-def]
+    """Whether the geometry-free phase has left its extrapolation from a value at a time."""
+    dt_s = (t_ns - from_ns) * 1e-9
     known_rate = not np.isnan(arc.geometry_free_rate_m_s)
     rate = arc.geometry_free_rate_m_s if known_rate else 0.0
     drift = (_IONOSPHERE_M_S if known_rate else _IONOSPHERE_FIRST_M_S) * dt_s
     limit = (2.0 * _FACTOR * _PHASE_SIGMA_M + drift) / sine
-    if abs(pair.geometry_free_m - arc.geometry_free_m - rate * dt_s) > limit:
-        return True
-    sigma = _WIDE_LANE_SIGMA_CYCLES / sine * np.sqrt(1.0 + 1.0 / arc.wide_lane_count)
-    return bool(abs(pair.wide_lane_cycles - arc.wide_lane_cycles) > _FACTOR * sigma)
+    return bool(abs(pair.geometry_free_m - from_m - rate * dt_s) > limit)
+
+
+@njit(cache=True)
+def _slipped(arc, pair, t_ns: int, sine: float) -> bool:  # type: ignore[no-untyped-def]
+    """Doubt a phase that has jumped, in place; whether it is where it was when it was doubted before: a slip."""
+    if not _jumped(pair, arc, arc.geometry_free_m, arc.t_last_ns, t_ns, sine):
+        arc.doubted = 0
+        return False
+    stays = arc.doubted > 0 and not _jumped(pair, arc, arc.geometry_free_doubted_m, arc.t_doubted_ns, t_ns, sine)
+    arc.doubted += 1
+    arc.geometry_free_doubted_m, arc.t_doubted_ns = pair.geometry_free_m, t_ns
+    return bool(stays or arc.doubted >= _DOUBTED_LIMIT)
 
 
 @njit(cache=True)
 def _carry_on(arc, pair, t_ns: int, phase_minus_code_m: float) -> None:  # type: ignore[no-untyped-def]
-    """Bring an arc's record to this epoch."""
+    """Bring an arc's record to this epoch, unless its phase is doubted."""
+    arc.lock_time_s = pair.lock_time_s
+    if arc.doubted > 0:
+        return
     dt_s = (t_ns - arc.t_last_ns) * 1e-9
     rate = (pair.geometry_free_m - arc.geometry_free_m) / dt_s
     gain = dt_s / (dt_s + _RATE_TIME_CONSTANT_S)
@@ -82,10 +99,7 @@ def _carry_on(arc, pair, t_ns: int, phase_minus_code_m: float) -> None:  # type:
         arc.geometry_free_rate_m_s += gain * (rate - arc.geometry_free_rate_m_s)
     else:
         arc.geometry_free_rate_m_s = rate
-    arc.wide_lane_count = min(arc.wide_lane_count + 1, _WIDE_LANE_MEMORY)
-    arc.wide_lane_cycles += (pair.wide_lane_cycles - arc.wide_lane_cycles) / arc.wide_lane_count
     arc.geometry_free_m = pair.geometry_free_m
-    arc.lock_time_s = pair.lock_time_s
     arc.phase_minus_code_m = phase_minus_code_m
     arc.t_last_ns = t_ns
 
@@ -99,9 +113,9 @@ def _begin(arc, pair, t_ns: int, phase_minus_code_m: float) -> None:  # type: ig
     arc.t_first_ns, arc.t_last_ns = t_ns, t_ns
     arc.lock_time_s = pair.lock_time_s
     arc.geometry_free_m, arc.geometry_free_rate_m_s = pair.geometry_free_m, np.nan
-    arc.wide_lane_cycles, arc.wide_lane_count = pair.wide_lane_cycles, 1
     arc.phase_minus_code_m = phase_minus_code_m
     arc.wind_up_cycles = np.nan
+    arc.code_count, arc.doubted, arc.refused = 0, 0, 0
 
 
 @njit(cache=True)
@@ -127,12 +141,19 @@ def _merge(arcs, pairs, sine, t_ns, max_gap_ns, out, previous, arc_of_pair):  # 
         dt_s = (t_ns - arcs[old].t_last_ns) * 1e-9 if same else 0.0
         sine_i = max(sine[i], _LOWEST_SINE)
         keep = same and 0.0 < dt_s <= max_gap_ns * 1e-9
-        if keep and not _told(pair, arcs[old], dt_s) and not _seen(pair, arcs[old], dt_s, sine_i):
+        began = BEGAN_NEW
+        if keep:
             out[made] = arcs[old]
-            _carry_on(out[made], pair, t_ns, phase_minus_code_m)
+            if _told(pair, arcs[old], dt_s):
+                began = BEGAN_TOLD
+            elif _slipped(out[made], pair, t_ns, sine_i):
+                began = BEGAN_GEOMETRY_FREE
+        if keep and began == BEGAN_NEW:
             previous[made] = old
+            _carry_on(out[made], pair, t_ns, phase_minus_code_m)
         else:
             _begin(out[made], pair, t_ns, phase_minus_code_m)
+            out[made].began = began
             previous[made] = -1
         arc_of_pair[i] = made
         made += 1

@@ -13,6 +13,8 @@ from plumbline.config import PositioningSettings
 from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET
 from plumbline.positioning import ppp_filter
 from plumbline.positioning.beidou_codes import correct_beidou_codes
+from plumbline.positioning.control import Control, Usual
+from plumbline.positioning.cycle_slip import BEGAN_NEW
 from plumbline.positioning.epoch_noise import epoch_noise_enu_m2
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.fall_back import enough, fall_back, instead
@@ -24,7 +26,8 @@ from plumbline.positioning.satellites import Cause, SatelliteSource
 from plumbline.positioning.solutions import letters_of, no_position, precise_solution, rotation_at
 from plumbline.positioning.state import GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, PppState, Records, no_arcs
 from plumbline.positioning.tracking import Tracked, track
-from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
+from plumbline.positioning.usual import remember
+from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status, Verdict
 
 _NS: Final = 1_000_000_000
 _START_SIGMA_M: Final = 30.0
@@ -32,7 +35,6 @@ _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
 _WEAK_SIGMA_M: Final = 3.0  # a precise position worse than that is compared with a single point
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
-_SCALE_GAIN: Final = 0.05  # of the phases' usual statistic: a memory of 20 epochs
 _STAY_CONVERGED: Final = 2.0  # once converged, a position stays so up to this multiple of the limit
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
 
@@ -43,12 +45,25 @@ class EpochQuality:
 
     kind: Ints  # (m,) 2·pair for a code, 2·pair + 1 for a phase
     pairs: Records  # (n,) the pairs meant
-    used: Booleans  # (m,)
-    whitened: Floats  # (used,) innovations of unit covariance
-    nis: float  # their sum of squares: chi-square of as many degrees of freedom
+    rows: Records  # (n,) their model
+    control: Control
     design: Floats  # (m, states)
     innovation_m: Floats  # (m,)
-    variance_m2: Floats  # (m,)
+    variance_m2: Floats  # (m,) as the update took them
+    slips: tuple[tuple[int, int], ...]  # satellites whose ambiguity began anew, and why (see cycle_slip)
+    free: int  # unknowns that nothing but this epoch tells: clock, new ambiguities, a kinematic position
+    nis: float  # of the accepted observations as the filter took them: chi-square of as many degrees of freedom
+
+    @property
+    def used(self) -> Booleans:
+        """Which observations were used (m,)."""
+        accepted: Booleans = self.control.verdict == Verdict.ACCEPTED
+        return accepted
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Redundancy of all observations, used or not."""
+        return max(self.kind.size - self.free, 0)
 
 
 _Result = tuple[PppState, Solution, EpochQuality | None]
@@ -90,7 +105,8 @@ def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, st
     p[ZENITH_DELAY, ZENITH_DELAY] = _ZENITH_WET_SIGMA_M**2
     np.fill_diagonal(p[GRADIENTS, GRADIENTS], _GRADIENT_SIGMA_M**2)
     return replace(
-        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, phase_scale=1.0, rejected_in_a_row=0, t_converged_gps_ns=None
+        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, phase_scale=1.0, code_scale=1.0,
+        rejected_in_a_row=0, t_converged_gps_ns=None,
     )  # fmt: skip
 
 
@@ -135,22 +151,32 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     Both are None where the codes show that the position is wrong altogether.
     """
     state = tracked.state
-    x, p, arcs = state.x.copy(), state.p.copy(), state.arcs.copy()
+    x, p, arcs, levels = state.x.copy(), state.p.copy(), state.arcs.copy(), state.levels.copy()
     dt_s = 0.0 if state.t_gps_ns is None else (inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS
-    outcome, h, v, r, kind, used, whitened, scale_now = ppp_filter.advance(
-        x, p, arcs, rows, inputs.pairs, tracked.arc_of_pair, dt_s, state.phase_scale, _LOST_M, inputs.tuning
-    )
+    free = tracked.new_ambiguities + (4 if inputs.tuning.position_jump_m > 0.0 else 1)
+    stands = inputs.tuning.position_jump_m == 0.0 and state.t_converged_gps_ns is not None
+    usual = Usual(state.code_scale, state.phase_scale, stands)
+    outcome, h, v, r, kind, found, nis = ppp_filter.advance(
+        x, p, arcs, levels, rows, inputs.pairs, tracked.arc_of_pair, inputs.epoch.t_gps_ns, dt_s, usual, _LOST_M,
+        inputs.tuning,
+    )  # fmt: skip
     if outcome == ppp_filter.LOST:
         return None, None
-    quality = EpochQuality(kind, inputs.pairs, used, whitened, float(whitened @ whitened), h, v, r)
+    quality = EpochQuality(
+        kind, inputs.pairs, rows, found, h, v, r, _slips(state.arcs, inputs.epoch.t_gps_ns), free, nis
+    )
     if outcome == ppp_filter.DISAGREES:
         return None, quality
-    usual = state.phase_scale
-    if not np.isnan(scale_now):
-        usual += _SCALE_GAIN * (scale_now - usual)
+    state = remember(state, found, quality.degrees_of_freedom - int(np.count_nonzero(~quality.used)))
     return replace(
-        state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, rejected_in_a_row=0, phase_scale=usual
+        state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, levels=levels, rejected_in_a_row=0
     ), quality
+
+
+def _slips(arcs: Records, t_gps_ns: int) -> tuple[tuple[int, int], ...]:
+    """Satellites whose ambiguities begin anew with this epoch though they were tracked before, and why."""
+    anew = arcs[(arcs["t_first_ns"] == t_gps_ns) & (arcs["began"] != BEGAN_NEW)]
+    return tuple((int(arc["satellite"]), int(arc["began"])) for arc in anew)
 
 
 def _finish(
@@ -168,8 +194,8 @@ def _finish(
     oldest_s = float(np.fmax.reduce(inputs.states.age_s[seen]))
     extras = {
         "nis": quality.nis,
-        "degrees_of_freedom": float(quality.whitened.size),
-        "rejected_observations": float(quality.used.size - quality.whitened.size),
+        "degrees_of_freedom": float(quality.used.sum()),
+        "rejected_observations": float((~quality.used).sum()),
         "new_ambiguities": float(new_ambiguities),
     }
     solution = precise_solution(

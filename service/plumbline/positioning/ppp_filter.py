@@ -10,17 +10,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from plumbline.estimation.kalman import (
-    cholesky_lower,
-    innovation_covariance,
-    lower_inverse,
-    update_sequential,
-    w_statistics,
-    whiten,
-)
+from plumbline.estimation.kalman import cholesky_lower, lower_inverse, update_sequential
+from plumbline.positioning.control import Control, Scene, Usual, book_keep, control, nothing_found
 from plumbline.positioning.ppp_noise import Tuning, code_scale, variances
 from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, Records
-from plumbline.records import Booleans, Floats, Ints
+from plumbline.records import Floats, Ints, Verdict
 
 _CLOCK: Final = CLOCKS.start
 _N_CLOCKS: Final = CLOCKS.stop - CLOCKS.start
@@ -29,15 +23,11 @@ _EAST: Final = GRADIENTS.start + 1
 _AMBIGUITY_SIGMA_M: Final = 60.0
 _NEW_CLOCK_SIGMA_M: Final = 30.0
 _POSITION_AXES: Final = POSITION.stop
-W_LIMIT: Final = 4.0  # of codes
-W_LIMIT_OF_SCALE: Final = 5.0  # of phases, in units of their usual statistic
-_DOUBT: Final = 0.6  # share of its limit from which an observation is believed less
-_LEAST_SCALE: Final = 0.2
-_MOST_SCALE: Final = 2.0
+_ACCEPTED: Final = int(Verdict.ACCEPTED)
+_MOVE_ROOM: Final = 25.0  # variance of a position that has jumped, in squares of the jump: five times as far
 UPDATED: Final = 0
 DISAGREES: Final = 1
 LOST: Final = 2
-_NORMAL_MEDIAN: Final = 0.6745  # median of a standard normal's absolute value
 
 
 @njit(cache=True)
@@ -168,150 +158,65 @@ def observation_equations(
 
 
 @njit(cache=True)
-def _without(s: Floats, v: Floats, use: Booleans) -> tuple[Floats, Floats, Ints]:
-    """The rows still in use: their covariance, innovations and indices."""
-    keep = np.flatnonzero(use)
-    out = np.empty((keep.size, keep.size))
-    for i in range(keep.size):
-        for j in range(keep.size):
-            out[i, j] = s[keep[i], keep[j]]
-    return out, v[keep], keep
-
-
-@njit(cache=True)
-def phase_scale(statistics: Floats, kind: Ints) -> float:
-    """How large the phases' w-statistics are against a standard normal's, from their median; NaN without any."""
-    sizes = np.abs(statistics[kind % 2 == 1])
-    return np.median(sizes) / _NORMAL_MEDIAN if sizes.size > 0 else np.nan
-
-
-@njit(cache=True)
-def _limits(kind: Ints, scale: float) -> Floats:
-    """What each w-statistic may be at most: a factor of what the phases' usually are; codes by their own variance."""
-    limits = np.full(kind.size, W_LIMIT)
-    limits[kind % 2 == 1] = W_LIMIT_OF_SCALE * min(max(scale, _LEAST_SCALE), _MOST_SCALE)
-    return limits
-
-
-@njit(cache=True)
-def doubt(ratio: float) -> float:
-    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 up to ``_DOUBT``.
-
-    Beyond, it grows without bound towards the limit (the IGG III weights of Yang 1999), so that whether an observation
-    lies just below or just above makes no jump in the position.
-    """
-    if ratio <= _DOUBT:
-        return 1.0
-    left = max(1.0 - ratio, 1e-3)
-    return ratio / _DOUBT * ((1.0 - _DOUBT) / left) ** 2
-
-
-_Snooped = tuple[Booleans, Floats, Floats, float, bool]
-_Updated = tuple[Booleans, Floats, float, bool]
-_Advanced = tuple[int, Floats, Floats, Floats, Ints, Booleans, Floats, float]
-
-
-@njit(cache=True)
-def snoop(s: Floats, v: Floats, kind: Ints, usual_scale: float, most: int) -> _Snooped:
-    """Leave out one observation after another while the largest w-statistic says so, ``most`` at most.
-
-    The phases' variances hold their slow errors too, so that their statistics are smaller than a standard normal's:
-    they are judged by what they usually are (``usual_scale``) or, where an epoch is restless altogether, are now.
-    Returns which are in use (m,), factors on their variances (m,), the whitened innovations of those in use,
-    :func:`phase_scale` of the epoch and whether what is left agrees.
-    """
-    use, factors = np.ones(v.size, np.bool_), np.ones(v.size)
-    scale_now, limits, white = np.nan, np.full(v.size, W_LIMIT), v
-    for attempt in range(most + 1):
-        reduced, innovation, keep = _without(s, v, use)
-        cholesky, positive = cholesky_lower(reduced)
-        if not positive:
-            break
-        inverse = lower_inverse(cholesky)
-        white = whiten(inverse, innovation)
-        statistics = np.abs(w_statistics(inverse, white))
-        if attempt == 0:
-            scale_now = phase_scale(statistics, kind)
-            limits = _limits(kind, np.fmax(usual_scale, scale_now))
-        ratio = statistics / limits[keep]
-        worst = np.argmax(ratio)
-        if ratio[worst] <= 1.0:
-            for i in range(keep.size):
-                factors[keep[i]] = doubt(ratio[i])
-            return use, factors, white, scale_now, True
-        if attempt < most:
-            use[keep[worst]] = False
-    return use, factors, white, scale_now, False
-
-
-@njit(cache=True)
-def book_keep(kind: Ints, use: Booleans, arcs: Records, arc_of_pair: Ints, added_code_weight: Floats) -> None:
-    """After an update: count refused phases and the codes' weight in their arcs, in place."""
-    for i in range(kind.size):
-        pair = kind[i] // 2
-        arc = arc_of_pair[pair]
-        if arc < 0:
-            continue
-        if kind[i] % 2 == 0:
-            if use[i]:
-                arcs[arc].code_weight_m2 += added_code_weight[pair]
-        elif use[i]:
-            arcs[arc].refused = 0
-        else:
-            arcs[arc].refused += 1
+def _active(x: Floats, p: Floats, h: Floats) -> tuple[Ints, Floats, Floats, Floats]:
+    """The states in use (with a variance): their numbers, and state, covariance and design of them alone."""
+    active = np.flatnonzero(np.diag(p) > 0.0)
+    p_active = np.empty((active.size, active.size))
+    for i in range(active.size):
+        for j in range(active.size):
+            p_active[i, j] = p[active[i], active[j]]
+    return active, x[active], p_active, np.ascontiguousarray(h[:, active])
 
 
 @njit(cache=True)
 def update(
-    x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, kind: Ints, usual_scale: float, most: int
-) -> _Updated:
+    x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, scene: Scene, usual: Usual, tuning: Tuning
+) -> tuple[Control, float]:  # fmt: skip
     """Test an epoch's observations and, where they agree, update ``x`` and ``p`` in place by those that passed.
 
-    States without variance (not in use) are left aside. Returns which were used (m,), their whitened innovations, the
-    phases' scale and whether the observations agree; where they do not, nothing is changed.
+    Where a jump of the position explains them, the position is first let go by as much (adaptation: the state is
+    widened). Where nothing does, nothing is changed. Second: the NIS of what passed.
     """
-    active = np.flatnonzero(np.diag(p) > 0.0)
-    n = active.size
-    x_active, p_active, h_active = x[active], np.empty((n, n)), np.ascontiguousarray(h[:, active])
-    for i in range(n):
-        for j in range(n):
-            p_active[i, j] = p[active[i], active[j]]
-    s = innovation_covariance(p_active, h_active, r)
-    use, factors, white, scale_now, agrees = snoop(s, v, kind, usual_scale, most)
-    if agrees:
-        update_sequential(x_active, p_active, h_active, r * factors, v, use)
-        for i in range(n):
+    active, x_active, p_active, h_active = _active(x, p, h)
+    found, nis = control(p_active, h_active, v, r, scene, usual, tuning), 0.0
+    if found.agrees:
+        if not np.isnan(found.moved_m[0]):
+            for k in range(_POSITION_AXES):
+                p_active[k, k] += _MOVE_ROOM * np.sum(found.moved_m**2)
+        nis = update_sequential(x_active, p_active, h_active, r * found.factor, v, found.verdict == _ACCEPTED)
+        for i in range(active.size):
             x[active[i]] = x_active[i]
-            for j in range(n):
+            for j in range(active.size):
                 p[active[i], active[j]] = p_active[i, j]
-    return use, white, scale_now, agrees
+    return found, nis
 
 
 @njit(cache=True)
 def advance(
-    x: Floats, p: Floats, arcs: Records, rows: Records, pairs: Records, arc_of_pair: Ints, dt_s: float,
-    usual_scale: float, lost_m: float, tuning: Tuning,
-) -> _Advanced:  # fmt: skip
-    """An epoch of the filter: predict over ``dt_s`` (0: the first), test, update ``x``, ``p`` and ``arcs`` in place.
+    x: Floats, p: Floats, arcs: Records, levels: Records, rows: Records, pairs: Records, arc_of_pair: Ints,
+    t_gps_ns: int, dt_s: float, usual: Usual, lost_m: float, tuning: Tuning,
+) -> tuple[int, Floats, Floats, Floats, Ints, Control, float]:  # fmt: skip
+    """An epoch of the filter: predict over ``dt_s`` (0: the first), test, update ``x``, ``p``, ``arcs``, ``levels`` in
+    place.
 
     Returns UPDATED, DISAGREES or LOST (the codes are further than ``lost_m`` from the prediction), the design (m, n),
-    innovations and variances (m,), kinds (m,), which were used (m,), their whitened innovations and the phases' scale.
+    innovations and variances as used (m,), kinds (m,), what quality control found and the NIS of what it accepted.
     """
     if dt_s > 0.0:
         predict_state(p, arcs, dt_s, tuning)
     misclosure_m = foretell_clocks(x, p, rows, pairs)
     none = np.zeros(0)
     if dt_s > 0.0 and np.nanmedian(np.abs(misclosure_m)) > lost_m:
-        return LOST, np.zeros((0, 0)), none, none, np.zeros(0, np.int64), np.zeros(0, np.bool_), none, np.nan
+        return LOST, np.zeros((0, 0)), none, none, np.zeros(0, np.int64), nothing_found(0), 0.0
     begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
     scale = code_scale(misclosure_m, rows, pairs, tuning)
     code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
     h, v, r, kind = observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
-    most = max(2, kind.size // 6)
-    used, white, scale_now, agrees = update(x, p, h, v, r, kind, usual_scale, most)
-    if agrees:
-        book_keep(kind, used, arcs, arc_of_pair, added)
-    return UPDATED if agrees else DISAGREES, h, v, r, kind, used, white, scale_now
+    scene = Scene(kind, rows, pairs, arcs, arc_of_pair, levels, t_gps_ns)
+    found, nis = update(x, p, h, v, r, scene, usual, tuning)
+    if found.agrees:
+        book_keep(found, v, scene, added)
+    return UPDATED if found.agrees else DISAGREES, h, v, r * found.factor, kind, found, nis
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from plumbline.config import AntennaMotion, PositioningSettings
+from plumbline.estimation.dia_tables import Levels, alternative_critical
 from plumbline.positioning.state import Records
 from plumbline.records import Floats, Ints
 from plumbline.signals import System
@@ -49,11 +50,19 @@ class Tuning(NamedTuple):
     beidou_bias_m: float
     code_correlation_s: float  # multipath: codes closer than this say the same
     geo_factor: float  # sigma of BeiDou's geostationary satellites
+    critical: float  # χ² that an error of one observation must exceed
+    critical_move: float  # … and a jump of the position
+
+
+def levels_of(settings: PositioningSettings) -> Levels:
+    """Significance and power of the tests."""
+    return Levels(settings.test_significance, settings.test_power, settings.w_test_significance)
 
 
 def tuning_of(settings: PositioningSettings) -> Tuning:
     """The kernels' noise values of a station's settings."""
     kinematic = settings.motion is AntennaMotion.KINEMATIC
+    critical = alternative_critical(levels_of(settings)) if settings.quality_control == "on" else np.full(4, np.inf)
     per_sqrt_s = 1.0 / 60.0  # √h is 60 √s
     return Tuning(
         code_sigma_m=settings.code_sigma_m,
@@ -72,6 +81,8 @@ def tuning_of(settings: PositioningSettings) -> Tuning:
         beidou_bias_m=1.0,
         code_correlation_s=30.0,
         geo_factor=5.0,
+        critical=float(critical[1]),
+        critical_move=float(critical[3]),
     )
 
 
@@ -82,7 +93,7 @@ def _is_geo(pair) -> bool:  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _bias_sigma_m(pair, tuning: Tuning) -> float:  # type: ignore[no-untyped-def]
+def bias_sigma_m(pair, tuning: Tuning) -> float:  # type: ignore[no-untyped-def]
     """One sigma of the constant part of a code's error."""
     if pair.system == _GLONASS:
         return tuning.glonass_bias_m
@@ -93,7 +104,7 @@ def _bias_sigma_m(pair, tuning: Tuning) -> float:  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def _factor(pair, sine: float, tuning: Tuning) -> float:  # type: ignore[no-untyped-def]
+def noise_factor(pair, sine: float, tuning: Tuning) -> float:  # type: ignore[no-untyped-def]
     """From the sigma of one signal at the zenith to that of the combination at an elevation."""
     combination = np.sqrt(pair.alpha * pair.alpha + (pair.alpha - 1.0) * (pair.alpha - 1.0))
     geo = tuning.geo_factor if _is_geo(pair) else 1.0
@@ -110,8 +121,8 @@ def code_scale(misclosure_m: Floats, rows: Records, pairs: Records, tuning: Tuni
     ratio = np.full(rows.size, np.nan)
     for i in range(rows.size):
         if rows[i].usable:
-            white = _factor(pairs[i], rows[i].sine, tuning) * tuning.code_sigma_m
-            ratio[i] = abs(misclosure_m[i]) / np.sqrt(white**2 + _bias_sigma_m(pairs[i], tuning) ** 2)
+            white = noise_factor(pairs[i], rows[i].sine, tuning) * tuning.code_sigma_m
+            ratio[i] = abs(misclosure_m[i]) / np.sqrt(white**2 + bias_sigma_m(pairs[i], tuning) ** 2)
     scale = np.nanmedian(ratio) / (_NORMAL_MEDIAN * _CHANCE)
     return scale if scale > 1.0 else 1.0
 
@@ -129,10 +140,10 @@ def variances(
     for i in range(n):
         if not rows[i].usable:
             continue
-        factor = _factor(pairs[i], rows[i].sine, tuning)
+        factor = noise_factor(pairs[i], rows[i].sine, tuning)
         alike = max(1.0, tuning.code_correlation_s / dt_s) if dt_s > 0.0 else 1.0
         white = (scale * factor * tuning.code_sigma_m) ** 2
-        bias = _bias_sigma_m(pairs[i], tuning) ** 2
+        bias = bias_sigma_m(pairs[i], tuning) ** 2
         phase[i] = (factor * tuning.phase_sigma_m) ** 2
         if arc_of_pair[i] < 0:
             code[i] = white * alike + bias

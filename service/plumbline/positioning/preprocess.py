@@ -38,6 +38,8 @@ PAIR_DTYPE: Final = np.dtype(
         ("system", np.int8),
         ("signal_1", np.int16),  # of the phases; −1 where there is no pair of them
         ("signal_2", np.int16),
+        ("code_1", np.int16),  # signals of the codes; −1 where there is none
+        ("code_2", np.int16),
         ("discontinuity_1", np.int16),
         ("discontinuity_2", np.int16),
         ("half_cycle", np.int8),
@@ -210,6 +212,7 @@ def _fill_pair(pair, i, j, k, m, rows):  # type: ignore[no-untyped-def]
     c2 = code[j] + _or_zero(code_bias[j]) if j >= 0 else np.nan
     _combine_codes(pair, f1, f2, c1, c2)
     pair.range_m = code[i]
+    pair.code_1, pair.code_2 = signal[i], signal[j] if j >= 0 else np.int16(-1)
     pair.bias_known = not (np.isnan(code_bias[i]) or (j >= 0 and np.isnan(code_bias[j])))
     pair.cn0_db_hz = np.minimum(cn0[i], cn0[max(j, i)])
     pair.signal_1, pair.signal_2 = -1, -1

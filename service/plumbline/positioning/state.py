@@ -13,8 +13,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.estimation.dia_window import Window
 from plumbline.records import Floats
-from plumbline.signals import System
+from plumbline.signals import SATELLITES_PER_SYSTEM, System
 
 POSITION: Final = slice(0, 3)  # antenna's marker, ECEF, m
 ZENITH_DELAY: Final = 3  # wet part, m
@@ -36,17 +37,39 @@ ARC_DTYPE: Final = np.dtype(
         ("lock_time_s", np.float64),
         ("geometry_free_m", np.float64),  # phase, first minus second frequency, at t_last
         ("geometry_free_rate_m_s", np.float64),  # NaN until two epochs are known
-        ("wide_lane_cycles", np.float64),  # mean of Melbourne-Wübbena over the arc
-        ("wide_lane_count", np.int64),
         ("phase_minus_code_m", np.float64),  # ionosphere-free, at t_last
         ("wind_up_cycles", np.float64),  # continuous over the arc; NaN before the first
         ("code_weight_m2", np.float64),  # Σ 1/σ² of the codes used so far, without their constant bias, 1/m²
         ("refused", np.int64),  # epochs in a row in which quality control refused the phase
+        ("refused_m", np.float64),  # … and by how much it was off the last time
+        ("doubted", np.int64),  # epochs in a row whose geometry-free phase does not carry on from t_last's
+        ("geometry_free_doubted_m", np.float64),  # … the last of them
+        ("t_doubted_ns", np.int64),
+        ("began", np.int8),  # why: see plumbline.positioning.cycle_slip
+        ("code_count", np.int64),  # epochs of codes behind the means below
+        ("wide_lane_mean_cycles", np.float64),  # of Melbourne-Wübbena, over accepted codes
+        ("phase_minus_code_mean_m", np.float64),  # ionosphere-free
     ],
     align=True,
 )
 
 Records = NDArray[Any]  # structured arrays: NumPy's types do not name their fields
+
+LEVEL_DTYPE: Final = np.dtype(
+    [
+        ("offset_m", np.float64),  # mean of a satellite's code's innovations
+        ("scale", np.float64),  # how large its statistics usually are
+        ("count", np.int64),  # epochs behind it
+        ("refused", np.int64),  # epochs in a row in which quality control refused the code
+        ("t_last_ns", np.int64),
+    ],
+    align=True,
+)
+
+
+def no_levels() -> Records:
+    """Means of codes' innovations of which nothing is known, by satellite id."""
+    return np.zeros(len(System) * SATELLITES_PER_SYSTEM, LEVEL_DTYPE)
 
 
 def no_arcs() -> Records:
@@ -66,9 +89,14 @@ class PppState:
     x: Floats = field(default_factory=lambda: np.zeros(N_CORE))
     p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))
     arcs: Records = field(default_factory=no_arcs)
+    levels: Records = field(default_factory=no_levels)
     phase_jump_m: float = 0.0  # clock jumps that the receiver applied to the code alone, summed
     covariance_enu_m2: Floats | None = None  # (3, 3) of the position after the last update
     phase_scale: float = 1.0  # how large the phases' w-statistics usually are
+    code_scale: float = 1.0  # … and the codes'
+    variance_factor: float = 1.0  # what a degree of freedom's share of the tests' statistic usually is
+    variance_count: int = 0  # epochs behind it
+    window: Window = field(default_factory=Window)  # the last epochs' statistics
     rejected_in_a_row: int = 0  # epochs that quality control refused
     reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
     t_converged_gps_ns: int | None = None  # when the position first reached the accuracy asked for

@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 
 from plumbline.constants import SPEED_OF_LIGHT_M_S
-from plumbline.positioning.cycle_slip import code_only_clock_jump_m, update_arcs
+from plumbline.positioning.cycle_slip import BEGAN_REFUSED, code_only_clock_jump_m, update_arcs
 from plumbline.positioning.ppp_filter import carry_over
 from plumbline.positioning.state import PppState, Records
 from plumbline.records import Floats, Ints
 
-_REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
+REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,13 @@ def track(state: PppState, pairs: Records, sine_elevation: Floats, t_gps_ns: int
     pairs["phase_m"] += jump_m
     pairs["wide_lane_cycles"] += jump_m * (pairs["frequency_1_hz"] - pairs["frequency_2_hz"]) / SPEED_OF_LIGHT_M_S
     arcs, previous, arc_of_pair = update_arcs(state.arcs, pairs, sine_elevation, t_gps_ns, max_gap_ns)
-    previous[arcs["refused"] >= _REFUSED_LIMIT] = -1
+    slipped = arcs["refused"] >= REFUSED_LIMIT
+    arcs["began"][slipped] = BEGAN_REFUSED
+    arcs["t_first_ns"][slipped] = t_gps_ns
+    previous[slipped] = -1
     new = previous < 0
-    arcs["estimated"][new] = False
-    arcs["refused"][new] = 0
+    for name in ("estimated", "refused", "doubted", "code_count"):
+        arcs[name][new] = 0
     arcs["code_weight_m2"][new] = 0.0
     x, p = carry_over(state.x, state.p, previous)
     state = replace(state, x=x, p=p, arcs=arcs, phase_jump_m=jump_m, t_last_epoch_ns=t_gps_ns)

@@ -2,9 +2,9 @@
 Olwell 1998, ch. 3).
 
 ``C⁺ ← max(0, C⁺ + z − k)`` and ``C⁻ ← max(0, C⁻ − z − k)`` of the standardised deviation z of each axis from the
-position that it had; either beyond ``h`` says that it moves. With k = 0.5 and h = 8 a shift of one sigma is found after
-about 17 independent samples and white noise gives a false alarm in some ten thousand. Precise positions are correlated
-over minutes, so that samples are means over such spans.
+position that it had; either beyond ``h`` says that it moves. With k = 1 and h = 6 a shift of two sigmas is found after
+about seven samples. The allowance is wide because mean and sigma are learned, from ``_LEARNING`` samples, and not
+known. Precise positions are correlated over minutes, so that samples are means over such spans.
 """
 
 from dataclasses import dataclass, replace
@@ -14,11 +14,11 @@ import numpy as np
 
 from plumbline.records import Floats, Solution, Status
 
-_ALLOWANCE: Final = 0.5  # k
-_LIMIT: Final = 8.0  # h
+_ALLOWANCE: Final = 1.0  # k
+_LIMIT: Final = 6.0  # h
 _SPAN_NS: Final = 600_000_000_000  # of a sample: longer than precise positions are correlated
 _LEAST_SIGMA_M: Final = 0.002
-_LEARNING: Final = 12  # samples that the reference position and its scatter are learned from
+_LEARNING: Final = 36  # samples that the reference position and its scatter are learned from
 _TRUSTED: Final = frozenset({Status.PPP_FLOAT, Status.PPP_FIXED})
 _AXES: Final = ("east", "north", "up")
 
@@ -55,7 +55,7 @@ def _sampled(state: Watch, sample_m: Floats) -> Watch:
     if len(state.learned) < _LEARNING:
         return replace(state, learned=(*state.learned, tuple(sample_m.tolist())))
     learned = np.array(state.learned)
-    sigma = np.maximum(1.4826 * np.median(np.abs(learned - np.median(learned, axis=0)), axis=0), _LEAST_SIGMA_M)
+    sigma = np.maximum(learned.std(axis=0, ddof=1), _LEAST_SIGMA_M)
     z = (sample_m - learned.mean(axis=0)) / sigma
     upper = np.maximum(0.0, np.array(state.upper) + z - _ALLOWANCE)
     lower = np.maximum(0.0, np.array(state.lower) - z - _ALLOWANCE)

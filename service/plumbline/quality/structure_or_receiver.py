@@ -16,7 +16,7 @@ import numpy as np
 from plumbline.records import Floats
 
 _CONTRADICTS_SIGMA: Final = 5.0
-_NEIGHBOURS_SIGMA: Final = 5.0
+_NEIGHBOURS_SIGMA: Final = 3.0
 _MIRRORED: Final = 0.5  # share of the displacement that the reference station's own explains
 _LEAST_M: Final = 0.003
 

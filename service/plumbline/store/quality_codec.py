@@ -43,9 +43,10 @@ def decode(station: str, t_gps_ns: int, t_receive_ns: int, data: bytes) -> Quali
     raw = zlib.decompress(data)
     (length,) = struct.unpack_from("<I", raw)
     head: dict[str, Any] = json.loads(raw[4 : 4 + length])
-    m, offset, columns = head.pop("m"), 4 + length, {}
+    m, offset = head.pop("m"), 4 + length
+    columns: dict[str, Any] = {}
     for name, stored, wanted, k in _COLUMNS:
-        column = np.frombuffer(raw, stored, m * k, offset).astype(wanted)
+        column: Any = np.frombuffer(raw, stored, m * k, offset).astype(wanted)
         columns[name] = column.reshape(m, k) if k > 1 else column
         offset += m * k * np.dtype(stored).itemsize
     events = tuple(head.pop("events"))
