@@ -86,7 +86,8 @@ def fixes_of(solution: Solution, settings: InertialSettings) -> list[Fix]:
         velocity = None
     full = np.zeros((6, 6))
     full[:3, :3] = 0.5 * (covariance + covariance.T) + settings.position_sigma_floor_m**2 * np.eye(3)
-    full[3:, 3:] = np.diag(np.square([solution.extras.get(name, settings.velocity_sigma_m_s) for name in VELOCITY_SIGMAS]))
+    sigmas = [solution.extras.get(name, settings.velocity_sigma_m_s) for name in VELOCITY_SIGMAS]
+    full[3:, 3:] = np.diag(np.square(sigmas))
     finite = np.isfinite(position).all() and np.isfinite(full).all()
     if not finite or not (np.linalg.eigvalsh(full) > 0.0).all():
         return []
@@ -94,7 +95,8 @@ def fixes_of(solution: Solution, settings: InertialSettings) -> list[Fix]:
     t_ns, delay_ns = solution.t_gps_ns, round(settings.velocity_delay_s * NS_PER_S)
     if velocity is None or delay_ns == 0:
         return [Fix(t_ns, geodetic, velocity, full, solution.status)]
-    return [Fix(t_ns - delay_ns, None, velocity, full, solution.status), Fix(t_ns, geodetic, None, full, solution.status)]
+    place = Fix(t_ns, geodetic, None, full, solution.status)
+    return [Fix(t_ns - delay_ns, None, velocity, full, solution.status), place]
 
 
 # ------------------------------------------------------------------------------------------- the filter

@@ -88,7 +88,7 @@ def update_standstill(node: LooseNode, standstill: Standstill, settings: Inertia
     if (np.abs(v) > settings.innovation_gate_sigma * expected).any():
         return node
     nav, p = node.nav.copy(), node.p.copy()
-    apply(nav, p, h, v, variances * np.eye(6), local=True)
+    apply(nav, p, h, v, np.asarray(np.diag(variances), np.float64), local=True)
     return Node(node.t_gps_ns, nav, p, replace(node.extra, innovation=None))
 
 
@@ -96,7 +96,7 @@ def apply(nav: Floats, p: Floats, h: Floats, v: Floats, r: Floats, *, local: boo
     """Update ``nav`` and ``p``, in place, by correlated observations: whitened, then one by one in Joseph's form."""
     factor, _ = cholesky_lower(r)
     error = np.zeros(p.shape[0])
-    white = np.linalg.solve(factor, np.column_stack([h, v]))
+    white = np.asarray(np.linalg.solve(factor, np.column_stack([h, v])), np.float64)
     use = np.ones(v.size, np.bool_)
     update_sequential(error, p, np.ascontiguousarray(white[:, :-1]), np.ones(v.size), white[:, -1].copy(), use)
     feed_back(nav, p, error[:ERROR_SIZE], local)

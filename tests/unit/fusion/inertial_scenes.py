@@ -49,7 +49,10 @@ def rest(t: float) -> tuple[Floats, Floats]:
 
 
 def truth_of(
-    motion: Motion, duration_s: float, rate_hz: int = 100, angles: tuple[float, float, float] = (0.5, 0.02, -0.03),
+    motion: Motion,
+    duration_s: float,
+    rate_hz: int = 100,
+    angles: tuple[float, float, float] = (0.5, 0.02, -0.03),
     velocity_enu_m_s: Floats | None = None,
 ) -> Truth:
     """Integrate a motion at ten times the sample rate with the local mechanisation."""
