@@ -18,7 +18,7 @@ from plumbline.positioning.rtk_arcs import REFUSED_LIMIT, keep_residuals, update
 from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position, snoop
 from plumbline.positioning.rtk_fix import Fix, fix, held_residuals
 from plumbline.positioning.rtk_model import fill_model, place_of, satellites_of
-from plumbline.positioning.rtk_observations import single_difference_rows
+from plumbline.positioning.rtk_observations import satellites_in, single_difference_rows
 from plumbline.positioning.rtk_solution import RtkDiagnostics, relative_solution
 from plumbline.positioning.rtk_state import BaseView, RtkState
 from plumbline.positioning.rtk_state import initial_state as initial_state  # noqa: PLC0414
@@ -91,7 +91,7 @@ def step(
     if base.epoch is None or base_position is None:
         return state, no_position(rover, facts, Status.NO_BASE, why), None
     rows = single_difference_rows(rover, base.epoch, settings.rtk.frequencies)
-    n = int(np.count_nonzero(np.diff(rows["satellite"], prepend=-1)))
+    n = satellites_in(rows, False, False)[0].size
     if n < _MIN_SATELLITES:
         reason = f"rover and base {base.station} have {n} satellites in common, {_MIN_SATELLITES} needed"
         return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n), None
@@ -185,8 +185,7 @@ def _test_codes(rows: Records) -> tuple[Booleans, Floats | None, int]:
         rows["line"], rows["code_oc_m"], rows["code_weight"], rows["group"].astype(np.int64), n_groups,
         _CODE_W_LIMIT, max(2, rows.size // 4),
     )  # fmt: skip
-    usable = np.count_nonzero(np.diff(rows["satellite"][rows["code_weight"] > 0.0], prepend=-1))
-    return use, b if regular else None, int(usable)
+    return use, b if regular else None, satellites_in(rows, True, False)[0].size
 
 
 def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans, approximate: Floats) -> _Result:

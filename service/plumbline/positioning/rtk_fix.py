@@ -67,11 +67,13 @@ def references_of(rows: Records, arcs: Records, sine: Floats) -> Booleans:
     return _references(rows, arcs, sine, False)  # type: ignore[no-any-return]
 
 
+@njit(cache=True)
 def sines_of_arcs(rows: Records, n_arcs: int) -> Floats:
     """Sine of the elevation of each arc's satellite, (k,)."""
     sine = np.zeros(n_arcs)
-    with_arc = rows[rows["arc"] >= 0]
-    sine[with_arc["arc"]] = with_arc["sine"]
+    for row in rows:
+        if row.arc >= 0:
+            sine[row.arc] = row.sine
     return sine
 
 
@@ -216,11 +218,14 @@ def fix(
                "" if ok else found.reason), contradicted  # fmt: skip
 
 
+@njit(cache=True)
 def _groups_held(rows: Records, arcs: Records) -> int:
     """How many groups hold integers."""
-    arc = rows["arc"]
-    groups = rows["group"][(arc >= 0) & arcs["held"][arc]]
-    return int(np.count_nonzero(np.bincount(groups))) if groups.size else 0
+    seen = np.zeros(rows.size, np.bool_)
+    for row in rows:
+        if row.arc >= 0 and arcs[row.arc].held:
+            seen[row.group] = True
+    return int(np.sum(seen))
 
 
 def _with_company(rows: Records, held: Booleans) -> Booleans:

@@ -17,6 +17,7 @@ from plumbline.constants import SPEED_OF_LIGHT_M_S
 from plumbline.gnss.earth_frames import geodetic_from_ecef, rotation_enu_from_ecef
 from plumbline.gnss.line_of_sight import light_time_range, light_time_range_rate
 from plumbline.gnss.troposphere import ZENITH_HYDROSTATIC, ZENITH_WET, map_troposphere, troposphere_site
+from plumbline.positioning.rtk_observations import satellites_in
 from plumbline.positioning.satellites import Cause, SatelliteSource, SatelliteStates
 from plumbline.positioning.state import Records
 from plumbline.records import Epoch, Floats, Ints
@@ -133,8 +134,7 @@ def satellites_of(
     Both ask the source for the rover's instant, so that both get the same broadcast set; a base epoch that lies back is
     a pseudorange that much longer.
     """
-    first = np.flatnonzero(np.diff(rows["satellite"], prepend=-1))
-    index = np.cumsum(np.diff(rows["satellite"], prepend=-1) != 0) - 1
+    first, index = satellites_in(rows, False, False)
     satellite = rows["satellite"][first]
     t_ns, t_receive_ns = rover.t_gps_ns, rover.t_receive_ns
     states = source.broadcast(t_ns, t_receive_ns, satellite, rows["code_m"][first])

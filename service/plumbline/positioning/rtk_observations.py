@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plumbline.constants import SPEED_OF_LIGHT_M_S
 from plumbline.positioning.preprocess import SIGNAL_BAND
 from plumbline.positioning.state import Records
-from plumbline.records import Epoch
+from plumbline.records import Epoch, Ints
 from plumbline.signals import (
     CHANNEL_STEP_HZ,
     FREQUENCY_HZ,
@@ -191,6 +191,21 @@ def _group(rows: Records) -> int:
             made += 1
         row.group = k
     return made
+
+
+@njit(cache=True)
+def satellites_in(rows: Records, with_code: bool, with_phase: bool) -> tuple[Ints, Ints]:
+    """First row of each satellite (s,), of the rows that are used, and every row's number among them (n,), −1: none."""
+    first, number = np.empty(rows.size, np.int64), np.full(rows.size, -1)
+    made, last = 0, -1
+    for i in range(rows.size):
+        if (with_code and rows[i].code_weight == 0.0) or (with_phase and rows[i].arc < 0):
+            continue
+        if rows[i].satellite != last:
+            first[made], last = i, rows[i].satellite
+            made += 1
+        number[i] = made - 1
+    return first[:made], number
 
 
 def _columns(epoch: Epoch) -> tuple[NDArray[np.generic], ...]:

@@ -7,10 +7,11 @@ import numpy as np
 from plumbline.positioning.facts import StationFacts, Vector3
 from plumbline.positioning.rtk_filter import snoop
 from plumbline.positioning.rtk_fix import Fix
+from plumbline.positioning.rtk_observations import satellites_in
 from plumbline.positioning.rtk_velocity import velocity_of
 from plumbline.positioning.solutions import covariance_enu_m2, displacement_enu_m, letters_of, rotation_at
 from plumbline.positioning.state import Records
-from plumbline.records import Booleans, Epoch, Floats, Solution, Status
+from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
 from plumbline.signals import System
 
 
@@ -43,9 +44,10 @@ def relative_solution(
     """The solution of an epoch, reduced to the marker; ``interval_s`` since the epoch before, None without one."""
     rotation = rotation_at(antenna_ecef_m)
     marker = antenna_ecef_m - rotation.T @ np.array(facts.antenna_offset_enu_m)
-    used = diagnostics.rows[diagnostics.rows["arc"] >= 0]
-    first = np.flatnonzero(np.diff(used["satellite"], prepend=-1))
-    velocity = velocity_of(diagnostics.rows)
+    rows = diagnostics.rows
+    first, _ = satellites_in(rows, False, True)
+    system = rows["system"][first]
+    velocity = velocity_of(rows)
     if velocity is None and diagnostics.motion_ecef_m is not None and interval_s:
         velocity = diagnostics.motion_ecef_m / interval_s
     return Solution(
@@ -57,9 +59,9 @@ def relative_solution(
         displacement_enu_m=displacement_enu_m(marker, reference),
         covariance_enu_m2=covariance_enu_m2(antenna_ecef_m, result.covariance_m2),
         velocity_enu_m_s=None if velocity is None else rotation @ velocity,
-        systems=letters_of(used["system"][first]),
+        systems=letters_of(system),
         correction_age_s=diagnostics.base_age_s,
-        pdop=_pdop(used[first]),
+        pdop=_pdop(rows["line"][first], system),
         extras=_extras(rotation @ (antenna_ecef_m - diagnostics.base_position_ecef_m), diagnostics),
     )  # fmt: skip
 
@@ -79,10 +81,10 @@ def _extras(baseline_enu_m: Floats, diagnostics: RtkDiagnostics) -> dict[str, fl
     }
 
 
-def _pdop(rows: Records) -> float | None:
+def _pdop(line: Floats, system: Ints) -> float | None:
     """Position dilution of precision of the satellites, one clock a system and equal weights."""
-    n = rows.size
+    n = system.size
     _, covariance, _, _, _, _, regular = snoop(
-        rows["line"], np.zeros(n), np.ones(n), rows["system"].astype(np.int64), len(System), np.inf, 0
+        line, np.zeros(n), np.ones(n), system.astype(np.int64), len(System), np.inf, 0
     )
     return float(np.sqrt(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])) if regular else None
