@@ -16,6 +16,8 @@ from plumbline.config import AntennaMotion, Mode, read_server_settings
 from plumbline.errors import PlumblineError
 from plumbline.evaluation import command as evaluation
 from plumbline.gps_time import gps_ns_from_unix_ns
+from plumbline.offline_imu_options import add_options as add_imu_options
+from plumbline.offline_imu_options import inertial_settings
 
 _NEGATIVE_VECTOR = re.compile(r"-[\d.]+(e-?\d+)?,")
 ROLES = ("ingest", "worker", "store", "api")
@@ -78,7 +80,7 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     def files(name: str, help_: str, required: bool = False) -> None:
         parser.add_argument(name, nargs="+", type=Path, default=[], metavar="FILE", help=help_, required=required)
 
-    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "rtk", "fuse"), default="ppp")
+    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "rtk", "rtk-network", "rtk-imu-loose", "rtk-imu-tight", "fuse"), default="ppp")
     motion = parser.add_mutually_exclusive_group()
     motion.add_argument("--kinematic", dest="motion", action="store_const", const=AntennaMotion.KINEMATIC)
     motion.add_argument("--static", dest="motion", action="store_const", const=AntennaMotion.STATIC)
@@ -111,6 +113,7 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quality-log", type=Path, metavar="FILE", help="JSON lines: tests and observations an epoch")
     parser.add_argument("--quality-control", choices=("on", "off"), default="on", help="off: leave nothing out")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")
+    add_imu_options(parser)
     parser.set_defaults(run=_process, motion=AntennaMotion.KINEMATIC)
 
 
@@ -139,12 +142,14 @@ def _process(options: argparse.Namespace) -> int:
 
     if options.mode == "fuse":
         return _fuse(options)
+    if options.mode.startswith("rtk-imu"):
+        return _process_imu(options)
     mode = Mode(options.mode)
     options.obs = [*options.obs, *options.rover]
     if not options.obs:
         raise PlumblineError("--obs is needed in this mode")
-    if mode is Mode.RTK and not options.base:
-        raise PlumblineError("mode rtk wants --base")
+    if mode in (Mode.RTK, Mode.RTK_NETWORK) and not options.base:
+        raise PlumblineError(f"mode {mode} wants --base")
     rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
            "frequencies": options.frequencies}  # fmt: skip
     if options.phase_sigma is not None:
@@ -165,6 +170,32 @@ def _process(options: argparse.Namespace) -> int:
     if options.quality_log is not None:
         lines = offline.write_quality_log(options.quality_log, outputs)
         print(f"{options.quality_log}: {lines} epochs", file=sys.stderr)
+    return 0
+
+
+def _process_imu(options: argparse.Namespace) -> int:
+    from plumbline import offline, offline_imu
+
+    if options.imu is None:
+        raise PlumblineError(f"mode {options.mode} wants --imu")
+    rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
+           "frequencies": options.frequencies}  # fmt: skip
+    if options.phase_sigma is not None:
+        rtk["phase_sigma_m"] = options.phase_sigma
+    settings = offline.settings_of(
+        Mode.RTK, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
+        options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
+    )  # fmt: skip
+    rovers = [*options.obs, *options.rover, options.rover2, options.rover3, options.rover4]
+    request = offline_imu.ImuRequest(
+        settings, inertial_settings(options), options.imu, options.imu_format, options.output,
+        tuple(path for path in rovers if path is not None), next(iter(options.base), None), tuple(options.nav),
+        options.positions, gps_ns_from_unix_ns(time.time_ns()), options.every_sample,
+    )  # fmt: skip
+    run = offline_imu.run_loose if options.mode == "rtk-imu-loose" else offline_imu.run_tight
+    with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+        report = run(request, partial(_advance, bar))
+    print(report, file=sys.stderr)
     return 0
 
 

@@ -19,6 +19,7 @@ class Mode(StrEnum):
     PPP = "ppp"
     PPP_ACCEL = "ppp-accel"
     RTK = "rtk"  # against a base station's stream
+    RTK_NETWORK = "rtk-network"  # against several bases, adjusted together
     CORRECTIONS = "corrections"  # not a station: a stream of ephemerides or SSR that others use
 
 
@@ -76,6 +77,7 @@ class RtkSettings(_Frozen):
     """Settings of positioning against a base station. Noise values are one sigma, per receiver."""
 
     base_stream: StationId | None = None  # the stream that carries the base's observations
+    base_streams: tuple[StationId, ...] = ()  # mode rtk-network: those of the bases; empty: all that there are
     base_position_ecef_m: Vector3 | None = None  # antenna reference point; None: the stream's 1005/1006
     moving_base: bool = False  # the base's own position is computed anew at every epoch
     max_base_age_s: float = Field(10.0, gt=0)  # older base data are not bridged

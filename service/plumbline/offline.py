@@ -116,6 +116,11 @@ def _recordings(paths: Sequence[Path]) -> list[Path]:
     return [path for path in paths if not is_rinex(path)]
 
 
+def time_near(request: ProcessRequest, books: Books) -> int:
+    """RINEX navigation into the books; returns a time within half a week of the recordings."""
+    return _load_navigation(request, books)
+
+
 def _load_navigation(request: ProcessRequest, books: Books) -> int:
     """RINEX navigation into the books; returns a time within half a week of the recordings."""
     for path in request.nav:
@@ -173,11 +178,12 @@ def _observation_events(path: Path, t_near_ns: int, progress: Progress) -> Itera
 
 def _base_events(path: Path, settings: StationSettings, books: Books, t_near_ns: int) -> Iterator[Event]:
     """A base's epochs into the books: a recording through its feed, RINEX as it is."""
+    stream = path.name if settings.mode is Mode.RTK_NETWORK else settings.rtk.base_stream or path.name
     if not is_rinex(path):
-        yield from _correction_events(path, books, t_near_ns, settings.rtk.base_stream)
+        yield from _correction_events(path, books, t_near_ns, stream)
         return
     observations, book = RinexObservations(path), BaseBook()
-    books.bases[settings.rtk.base_stream or path.name] = book
+    books.bases[stream] = book
     header = observations.header
     book.describe(AntennaDescription(0, _reference_point(header), antenna_type=header.antenna_type or None), 0)
     for epoch in observations:

@@ -25,10 +25,10 @@ from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.epochs.time_base import TimeBase
 from plumbline.gps_time import NS_PER_S, WEEK_NS
-from plumbline.positioning import ppp, rtk
+from plumbline.positioning import ppp, rtk, rtk_network
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
-from plumbline.positioning.rtk_base import base_view, due_until_ns
+from plumbline.positioning.rtk_base import base_view, due_until_ns, network_due_until_ns, network_views
 from plumbline.positioning.rtk_state import RtkState
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.state import PppState
@@ -65,6 +65,7 @@ class PipelineState:
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
     position: PppState = field(default_factory=PppState)
     relative: RtkState = field(default_factory=RtkState)
+    network: rtk_network.NetworkState = field(default_factory=rtk_network.NetworkState)
     waiting: list[Epoch] = field(default_factory=list)  # for the base's epoch of the same instant
     motion: fusion.FusionState | None = None
     alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
@@ -237,7 +238,7 @@ class Pipeline:
     def process_epoch(self, epoch: Epoch) -> list[Output]:
         """Position one epoch, whichever way it came, and pass the solution on."""
         self.state.t_last_data_ns = epoch.t_receive_ns
-        if self.settings.mode is Mode.RTK:
+        if self.settings.mode in (Mode.RTK, Mode.RTK_NETWORK):
             self.state.waiting.append(epoch)
             return self._release_waiting(epoch.t_receive_ns)
         settings = self.settings.positioning
@@ -257,16 +258,28 @@ class Pipeline:
         outputs: list[Output] = []
         while self.state.waiting:
             epoch = self.state.waiting[0]
-            as_of_ns = due_until_ns(self._shared.bases, epoch, t_receive_ns, self.settings.rtk)
+            due = network_due_until_ns if self.settings.mode is Mode.RTK_NETWORK else due_until_ns
+            as_of_ns = due(self._shared.bases, epoch, t_receive_ns, self.settings.rtk)
             if as_of_ns is None:
                 break
             self.state.waiting = self.state.waiting[1:]
-            base = base_view(self._shared.bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
-            self.state.relative, solution, _ = rtk.step(
-                self.state.relative, epoch, base, self._source, self.settings, self._facts_at(epoch)
-            )
-            outputs += self._solved(solution)
+            outputs += self._solved(self._relative(epoch, as_of_ns))
         return outputs
+
+    def _relative(self, epoch: Epoch, as_of_ns: int) -> Solution:
+        """Position against a base, or several, as known at a receive time."""
+        facts, bases = self._facts_at(epoch), self._shared.bases
+        if self.settings.mode is Mode.RTK_NETWORK:
+            views = network_views(bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
+            self.state.network, solution = rtk_network.step(
+                self.state.network, epoch, views, self._source, self.settings, facts
+            )
+            return solution
+        base = base_view(bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
+        self.state.relative, solution, _ = rtk.step(
+            self.state.relative, epoch, base, self._source, self.settings, facts
+        )
+        return solution
 
     def _solved(self, solution: Solution) -> list[Output]:
         self.state.last_solution = solution
@@ -288,8 +301,11 @@ class Pipeline:
 
     def _motion_state(self) -> fusion.FusionState:
         if self.state.motion is None:
-            adopted = self.state.relative if self.settings.mode is Mode.RTK else self.state.position
-            reference = self.settings.reference_position_ecef_m or adopted.reference_position_ecef_m
+            adopted = {
+                Mode.RTK: self.state.relative.reference_position_ecef_m,
+                Mode.RTK_NETWORK: self.state.network.reference_position_ecef_m,
+            }.get(self.settings.mode, self.state.position.reference_position_ecef_m)
+            reference = self.settings.reference_position_ecef_m or adopted
             self.state.motion = fusion.initial_state(self.settings.station, reference)
         return self.state.motion
 

@@ -48,3 +48,31 @@ def base_view(bases: Mapping[str, BaseBook], t_gps_ns: int, as_of_receive_ns: in
     said = book.description(as_of_receive_ns)
     position = settings.base_position_ecef_m or (said.position_ecef_m if said else None)
     return BaseView(name, epoch, None if position is None else np.array(position))
+
+
+def network_due_until_ns(
+    bases: Mapping[str, BaseBook], rover: Epoch, t_receive_ns: int, settings: RtkSettings
+) -> int | None:
+    """As :func:`due_until_ns`, until no base is waited for any more."""
+    latest_ns = rover.t_receive_ns
+    for one in _each(bases, settings):
+        due_ns = due_until_ns(bases, rover, t_receive_ns, one)
+        if due_ns is None:
+            return None
+        latest_ns = max(latest_ns, due_ns)
+    return latest_ns
+
+
+def network_views(
+    bases: Mapping[str, BaseBook], t_gps_ns: int, as_of_receive_ns: int, settings: RtkSettings
+) -> list[BaseView]:
+    """What is known of every base at an instant; their streams tell their positions."""
+    return [base_view(bases, t_gps_ns, as_of_receive_ns, one) for one in _each(bases, settings)]
+
+
+def _each(bases: Mapping[str, BaseBook], settings: RtkSettings) -> list[RtkSettings]:
+    """The settings for each base alone; without any, for the lack of one."""
+    names = settings.base_streams or tuple(sorted(bases))
+    if not names:
+        return [settings]
+    return [settings.model_copy(update={"base_stream": name, "base_position_ecef_m": None}) for name in names]

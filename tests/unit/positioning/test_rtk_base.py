@@ -4,7 +4,7 @@ import numpy as np
 
 from plumbline.config import RtkSettings
 from plumbline.epochs.base_book import BaseBook
-from plumbline.positioning.rtk_base import base_view, due_until_ns
+from plumbline.positioning.rtk_base import base_view, due_until_ns, network_due_until_ns, network_views
 from plumbline.records import AntennaDescription, Epoch
 
 SECOND = 1_000_000_000
@@ -82,3 +82,20 @@ def test_a_setting_for_the_position_comes_first_and_missing_things_are_said() ->
     several = base_view({"a": book, "b": book}, late, late, RtkSettings())
     assert "no base stream is set" in several.reason
     assert "a, b" in several.reason
+
+
+def test_a_network_waits_for_its_slowest_base() -> None:
+    settings = RtkSettings(base_wait_s=0.3)
+    rover = _epoch(T + 5 * SECOND, T + 5 * SECOND + 20_000_000)
+    now = T + 5 * SECOND + 150_000_000
+    there, missing = _book(range(6)), _book(range(5))
+    deadline = rover.t_receive_ns + 300_000_000
+    assert network_due_until_ns({"a": there, "b": missing}, rover, now, settings) is None
+    assert network_due_until_ns({"a": there, "b": there}, rover, now, settings) == deadline
+    assert network_due_until_ns({"a": there, "b": missing}, rover, deadline, settings) == deadline
+    assert network_due_until_ns({}, rover, rover.t_receive_ns, settings) == rover.t_receive_ns
+    named = RtkSettings(base_wait_s=0.3, base_streams=("b",), base_position_ecef_m=(1.0, 2.0, 3.0))
+    views = network_views({"a": there, "b": missing}, rover.t_gps_ns, deadline, named)
+    assert [view.station for view in views] == ["b"]
+    assert views[0].position_ecef_m is None  # one setting cannot be the position of several
+    assert "no base stream is set" in network_views({}, rover.t_gps_ns, deadline, settings)[0].reason
