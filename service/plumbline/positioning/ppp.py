@@ -27,7 +27,7 @@ from plumbline.positioning.solutions import letters_of, no_position, precise_sol
 from plumbline.positioning.state import GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, PppState, Records, no_arcs
 from plumbline.positioning.tracking import Tracked, track
 from plumbline.positioning.usual import remember
-from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status, Verdict
+from plumbline.records import Booleans, Epoch, Floats, Ints, SatelliteIds, Solution, Status, Verdict
 
 _NS: Final = 1_000_000_000
 _START_SIGMA_M: Final = 30.0
@@ -163,7 +163,16 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     if outcome == ppp_filter.LOST:
         return None, None
     quality = EpochQuality(
-        kind, inputs.pairs, rows, found, h, v, r, _slips(state.arcs, inputs.epoch.t_gps_ns), free, nis
+        kind,
+        inputs.pairs,
+        rows,
+        found,
+        h,
+        v,
+        r,
+        _slips(state.arcs, inputs.pairs["satellite"][rows["usable"]], inputs.epoch.t_gps_ns),
+        free,
+        nis,
     )
     if outcome == ppp_filter.DISAGREES:
         return None, quality
@@ -173,9 +182,9 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     ), quality
 
 
-def _slips(arcs: Records, t_gps_ns: int) -> tuple[tuple[int, int], ...]:
-    """Satellites whose ambiguities begin anew with this epoch though they were tracked before, and why."""
-    anew = arcs[(arcs["t_first_ns"] == t_gps_ns) & (arcs["began"] != BEGAN_NEW)]
+def _slips(arcs: Records, used: SatelliteIds, t_gps_ns: int) -> tuple[tuple[int, int], ...]:
+    """Satellites of those used whose ambiguities begin anew though they were tracked before, and why."""
+    anew = arcs[(arcs["t_first_ns"] == t_gps_ns) & (arcs["began"] != BEGAN_NEW) & np.isin(arcs["satellite"], used)]
     return tuple((int(arc["satellite"]), int(arc["began"])) for arc in anew)
 
 
