@@ -16,7 +16,7 @@ from numba import njit
 from plumbline.records import Floats
 
 _NEAR: Final = (4, 3.0, 12.0, -1.0, 4.0)  # how many, distance and height from … to, m: the platform itself
-_FAR: Final = (4, 20.0, 90.0, -10.0, 30.0)  # the buildings around
+_FAR: Final = (4, 12.0, 40.0, -10.0, 20.0)  # the buildings around
 _CODE_REACH_M: Final = 4.0  # a correlator that mitigates multipath lets later copies than this move the code no further
 _ZENITH_SHARE: Final = 0.3  # of the reflection at the horizon
 
