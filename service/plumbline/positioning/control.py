@@ -43,6 +43,9 @@ _MEAN_MEMORY: Final = 200  # epochs of a code's means
 _CODES_STAY: Final = 4  # epochs in a row that a code may be refused before its new level is believed
 _LEVEL_LASTS_NS: Final = 600_000_000_000  # an older mean of a code's innovations says nothing of the next
 _ALIKE_SIGMAS: Final = 5.0  # two misfits of a phase that differ by less are one slip
+_LONGEST_CHANGE_S: Final = 5.0
+_IONOSPHERE_MEAN_M_S: Final = 0.0015  # unforeseen rate of the mean of both phases at the zenith
+_LOWEST_SINE: Final = 0.1
 _REFUSED_LIMIT: Final = 3  # epochs in a row after which a refused phase begins a new ambiguity
 
 
@@ -243,6 +246,58 @@ def _forced(scene: Scene, n: int) -> Booleans:
 
 
 @njit(cache=True)
+def _changes(h, v, scene, tuning):  # type: ignore[no-untyped-def]
+    """How phases have changed since their last accepted ones, the mean of both frequencies': rows, design of position
+    and clock, changes and sigmas. None where that was longer than some seconds ago: the ionosphere is not modelled.
+    """
+    m = scene.kind.size
+    rows, design, change, sigma = np.empty(m, np.int64), np.ones((m, _AXES + 1)), np.empty(m), np.empty(m)
+    n = 0
+    for i in range(m):
+        number = scene.kind[i] // 2
+        if scene.kind[i] % 2 == 0:
+            continue
+        arc, pair = scene.arcs[scene.arc_of_pair[number]], scene.pairs[number]
+        dt_s = (scene.t_gps_ns - arc.t_residual_ns) * 1e-9
+        if arc.t_residual_ns == 0 or dt_s > _LONGEST_CHANGE_S or arc.doubted > 0:
+            continue
+        to_mean = pair.alpha - 0.5
+        rate = 0.0 if np.isnan(arc.geometry_free_rate_m_s) else arc.geometry_free_rate_m_s
+        jump = pair.geometry_free_m - arc.residual_geometry_free_m
+        rows[n] = i
+        design[n, :_AXES] = h[i, :_AXES]
+        change[n] = v[i] - arc.residual_m - to_mean * (jump - rate * dt_s)
+        noise = tuning.phase_sigma_m + _IONOSPHERE_MEAN_M_S * dt_s
+        sigma[n] = noise / max(scene.rows[number].sine, _LOWEST_SINE)
+        n += 1
+    return rows[:n], design[:n], change[:n], sigma[:n]
+
+
+@njit(cache=True)
+def change_of_phases(h: Floats, v: Floats, scene: Scene, forced: Booleans, tuning: Tuning) -> None:
+    """Doubt phases, in place, whose change within seconds does not fit the motion and clock that the others agree on.
+
+    At 1 Hz one cycle on both frequencies, which moves the ionosphere-free phase by 11 cm and its noise by three times
+    that of a single one, stands out of the mean of both by 20 cm.
+    """
+    if tuning.critical == np.inf:
+        return
+    rows, design, change, sigma = _changes(h, v, scene, tuning)
+    if rows.size < _AXES + 3:
+        return
+    middle = np.median(change)
+    table, solvable = dia.residual_information(design, change - middle, sigma)
+    if not solvable:
+        return
+    n = rows.size
+    limits = np.full(n, tuning.critical * TAIL**2)
+    found = dia.identify(table, np.arange(n + 1), np.ones(n, np.bool_), limits, n // 3)
+    if found.explained:
+        for k in found.order:
+            forced[rows[k]] = True
+
+
+@njit(cache=True)
 def _verdicts(scene, out, error, sigma, table):  # type: ignore[no-untyped-def]
     """Verdict of each observation: a phase off like the epoch before has slipped."""
     verdict = np.zeros(scene.kind.size, np.int8)
@@ -288,6 +343,7 @@ def control(
         return nothing_found(m)
     starts = np.append(np.arange(m + 1), m + _AXES) if may_move else np.arange(m + 1)
     forced = _forced(scene, m + extra.shape[1])
+    change_of_phases(h, v, scene, forced, tuning)
     statistic = _statistic(table, misclosure, scene.kind, np.zeros(m, np.bool_), phase_scale)
     for column in np.flatnonzero(forced):
         dia.sweep(table, int(column), False)
@@ -313,8 +369,8 @@ def control(
 
 
 @njit(cache=True)
-def book_keep(found: Control, v: Floats, scene: Scene, added_code_weight: Floats) -> None:
-    """After an update: what arcs and levels remember of codes and of refused phases, in place."""
+def book_keep(found: Control, v: Floats, residual: Floats, scene: Scene, added_code_weight: Floats) -> None:
+    """After an update: what arcs and levels remember of codes and phases, in place; ``residual`` (m,) is after it."""
     for i in range(scene.kind.size):
         number = scene.kind[i] // 2
         accepted = found.verdict[i] == _ACCEPTED
@@ -329,6 +385,9 @@ def book_keep(found: Control, v: Floats, scene: Scene, added_code_weight: Floats
                     scene.arcs[k].code_weight_m2 += added_code_weight[number]
         elif accepted or scene.arcs[k].doubted > 0:
             scene.arcs[k].refused = 0
+            if accepted:
+                scene.arcs[k].residual_m, scene.arcs[k].t_residual_ns = residual[i], scene.t_gps_ns
+                scene.arcs[k].residual_geometry_free_m = scene.pairs[number].geometry_free_m
         else:
             slip = found.verdict[i] == _SLIP
             scene.arcs[k].refused = _REFUSED_LIMIT if slip else scene.arcs[k].refused + 1

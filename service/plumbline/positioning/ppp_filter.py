@@ -212,10 +212,11 @@ def advance(
     scale = code_scale(misclosure_m, rows, pairs, tuning)
     code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
     h, v, r, kind = observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
+    before = x.copy()
     scene = Scene(kind, rows, pairs, arcs, arc_of_pair, levels, t_gps_ns)
     found, nis = update(x, p, h, v, r, scene, usual, tuning)
     if found.agrees:
-        book_keep(found, v, scene, added)
+        book_keep(found, v, v - h @ (x - before), scene, added)
     return UPDATED if found.agrees else DISAGREES, h, v, r * found.factor, kind, found, nis
 
 

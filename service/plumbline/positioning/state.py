@@ -42,6 +42,9 @@ ARC_DTYPE: Final = np.dtype(
         ("code_weight_m2", np.float64),  # Σ 1/σ² of the codes used so far, without their constant bias, 1/m²
         ("refused", np.int64),  # epochs in a row in which quality control refused the phase
         ("refused_m", np.float64),  # … and by how much it was off the last time
+        ("residual_m", np.float64),  # what the last accepted phase differed by from the updated filter
+        ("t_residual_ns", np.int64),  # … and when; zero: there was none
+        ("residual_geometry_free_m", np.float64),
         ("doubted", np.int64),  # epochs in a row whose geometry-free phase does not carry on from t_last's
         ("geometry_free_doubted_m", np.float64),  # … the last of them
         ("t_doubted_ns", np.int64),

@@ -38,7 +38,7 @@ def track(state: PppState, pairs: Records, sine_elevation: Floats, t_gps_ns: int
     arcs["t_first_ns"][slipped] = t_gps_ns
     previous[slipped] = -1
     new = previous < 0
-    for name in ("estimated", "refused", "doubted", "code_count"):
+    for name in ("estimated", "refused", "doubted", "code_count", "t_residual_ns"):
         arcs[name][new] = 0
     arcs["code_weight_m2"][new] = 0.0
     x, p = carry_over(state.x, state.p, previous)
