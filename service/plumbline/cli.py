@@ -21,6 +21,7 @@ from plumbline.offline_imu_options import inertial_settings
 
 _NEGATIVE_VECTOR = re.compile(r"-[\d.]+(e-?\d+)?,")
 ROLES = ("ingest", "worker", "store", "api")
+PROCESS_MODES = ("ppp", "ppp-accel", "rtk", "rtk-network", "rtk-imu-loose", "rtk-imu-tight", "fuse")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,7 +81,7 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     def files(name: str, help_: str, required: bool = False) -> None:
         parser.add_argument(name, nargs="+", type=Path, default=[], metavar="FILE", help=help_, required=required)
 
-    parser.add_argument("--mode", choices=("ppp", "ppp-accel", "rtk", "rtk-network", "rtk-imu-loose", "rtk-imu-tight", "fuse"), default="ppp")
+    parser.add_argument("--mode", choices=PROCESS_MODES, default="ppp")
     motion = parser.add_mutually_exclusive_group()
     motion.add_argument("--kinematic", dest="motion", action="store_const", const=AntennaMotion.KINEMATIC)
     motion.add_argument("--static", dest="motion", action="store_const", const=AntennaMotion.STATIC)

@@ -140,9 +140,7 @@ class InertialSettings(_Frozen):
     velocity_sigma_m_s: float = Field(0.05, gt=0)  # of a solution's velocity that carries none of its own
     velocity_delay_s: float = Field(0.0, ge=-1, le=1)  # a solution's velocity is the one of so long before its position
     position_sigma_floor_m: float = Field(0.0, ge=0)
-    phase_sigma_m: float = Field(0.003, gt=0)  # tight: at the zenith, of each antenna
-    code_sigma_m: float = Field(0.5, gt=0)
-    range_rate_sigma_m_s: float = Field(0.05, gt=0)
+    phase_correlation_s: float = Field(0.0, ge=0)  # tight: how long a phase's error (multipath) lasts; 0: white
     innovation_gate_sigma: float = Field(6.0, gt=0)
     max_refusals: int = Field(5, ge=1)  # this many in a row, and the filter believes them
     standstill: Literal["off", "on"] = "on"

@@ -13,6 +13,7 @@ from plumbline.fusion.tight_arcs import TightExtra, begun, ended, matched, witho
 from plumbline.fusion.tight_kernels import design, differences, group_medians, informed, references, whitened
 from plumbline.fusion.tight_observations import SIGNAL_KEY, TightEpoch, base_share
 from plumbline.fusion.timeline import Node
+from plumbline.gps_time import NS_PER_S
 from plumbline.positioning.state import Records
 from plumbline.records import Booleans, Floats, Ints, Status
 
@@ -22,6 +23,7 @@ _LEAST_ROWS: Final = 4
 _DOUBT_SHARE: Final = 0.4  # of the held phases that do not fit
 _DOUBT_LIMIT: Final = 10
 _RESET_SIGMA_M: Final = 3.0
+_MOST_SETS: Final = 6  # of ambiguities tried at an epoch
 _SLIP_CYCLES: Final = 0.4  # off by so much, a held phase is refused however unsure the prediction is
 
 
@@ -44,7 +46,8 @@ def update_epoch(
     if int(use.sum()) < _LEAST_ROWS:
         return replace(node, p=p, extra=replace(extra, arcs=arcs, doubts=doubts))
     full, place = _with_ambiguities(h, arcs, at, epoch.wavelength_m)
-    blocks = [_block(full, phase, use, epoch, arcs["held"][at], 0)]
+    weighed = _decorrelated(epoch, extra.t_gnss_gps_ns, settings)
+    blocks = [_block(full, phase, use, weighed, arcs["held"][at], 0)]
     rate_v = epoch.rate_m_s - z_rate
     wide = np.zeros_like(full)
     wide[:, :ERROR_SIZE] = h_rate
@@ -63,6 +66,20 @@ def update_epoch(
     degrees = sum(v.size for _, v in blocks)
     extra = TightExtra(arcs, status, epoch.t_gps_ns, doubts, n_satellites, int(use.sum()), nis, degrees)
     return Node(node.t_gps_ns, nav, p, extra)
+
+
+def _decorrelated(epoch: TightEpoch, t_last_ns: int | None, settings: InertialSettings) -> TightEpoch:
+    """The epoch with phase variances for errors that last: epochs closer than that say the same thing again.
+
+    Of errors with the autocorrelation exp(−t/τ), a mean over a long time has the variance of white ones of
+    ``(1 + 2 τ/Δt) σ²`` (Δt the interval of epochs).
+    """
+    if settings.phase_correlation_s == 0.0 or t_last_ns is None:
+        return epoch
+    interval_s = max((epoch.t_gps_ns - t_last_ns) / NS_PER_S, 1e-3)
+    variance = epoch.variance.copy()
+    variance[:, 0] *= 1.0 + 2.0 * settings.phase_correlation_s / interval_s
+    return replace(epoch, variance=variance)
 
 
 def _fitting(
@@ -138,19 +155,31 @@ def _applied(
 
 
 def _resolved(nav: Floats, p: Floats, arcs: Records, rtk: RtkSettings) -> tuple[Floats, Floats, Records]:
-    """State, covariance and arcs with the ambiguities resolved that can be: all at once, else those begun earliest."""
+    """State, covariance and arcs with the ambiguities resolved that can be: the largest of the nested sets tried.
+
+    Sets grow with the variance of what they add, so multipath near the horizon does not stand in the way of the rest.
+    """
     states = np.flatnonzero(~arcs["held"])
-    integer = arcs["integer"][states]
-    for least in sorted({1, int(np.median(arcs["count"][states]))}):
-        wanted = np.flatnonzero(integer & (arcs["count"][states] >= least))
-        if not wanted.size:
-            continue
-        at = ERROR_SIZE + wanted
-        values = arcs["value"][states[wanted]]
+    wanted = np.flatnonzero(arcs["integer"][states])
+    variance = np.diag(p)[ERROR_SIZE + wanted]
+    wanted = wanted[np.argsort(variance, kind="stable")]
+    for size in _set_sizes(wanted.size):
+        chosen = np.sort(wanted[:size])
+        at = ERROR_SIZE + chosen
+        values = arcs["value"][states[chosen]]
         found = resolve(values, p[np.ix_(at, at)], rtk.min_ratio, rtk.min_success_rate, partial=False)
         if found.complete:
-            return _held(nav, p, arcs, states[wanted], at, found.integers.astype(float) - values, found.integers)
+            return _held(nav, p, arcs, states[chosen], at, found.integers.astype(float) - values, found.integers)
     return nav, p, arcs
+
+
+def _set_sizes(n: int) -> list[int]:
+    """Sizes of the sets tried, falling by a quarter."""
+    sizes = []
+    while n > 0:
+        sizes.append(n)
+        n = min(n - 1, (3 * n) // 4)
+    return sizes[:_MOST_SETS]
 
 
 def _held(
