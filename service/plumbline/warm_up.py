@@ -4,6 +4,7 @@ from plumbline import rtcm3
 from plumbline.fusion.warm_up import warm_up as warm_up_fusion
 from plumbline.gnss.warm_up import warm_up as warm_up_gnss
 from plumbline.positioning.warm_up import warm_up as warm_up_positioning
+from plumbline.quality.warm_up import warm_up as warm_up_quality
 
 
 def main() -> None:
@@ -12,6 +13,7 @@ def main() -> None:
     warm_up_gnss()
     warm_up_positioning()
     warm_up_fusion()
+    warm_up_quality()
 
 
 if __name__ == "__main__":

@@ -34,14 +34,14 @@ def quality_report(
     levels, pair = levels_of(settings), found.kind // 2
     integrity = Integrity(risk=settings.integrity_risk)
     is_phase = kind % 2 == 1
-    usual = np.where(is_phase, state.phase_scale, 1.0)
+    usual, used = np.where(is_phase, state.phase_scale, 1.0), found.used
     rotation = rotation_at(state.x[POSITION])
     made = measures(
-        control.sigma_error_m, control.variance_m2, found.used, found.design, found.variance_m2,
+        control.sigma_error_m, control.variance_m2, used, found.design, found.variance_m2,
         np.ascontiguousarray(state.p[POSITION]), rotation, factors(levels, integrity, TAIL), usual,
     )  # fmt: skip
     seen = np.zeros(found.pairs.size, np.bool_)
-    seen[pair[found.used]] = True
+    seen[pair[used]] = True
     sky = geometry(found.rows["line"], found.pairs["system"].astype(np.int64), seen, rotation)
     return QualityReport(
         station=solution.station,
@@ -79,10 +79,10 @@ def _azimuths(found: EpochQuality, rotation: Floats) -> Floats:
 
 def _signals(found: EpochQuality, is_phase: Any) -> Any:
     """Signal ids (m, 2) of each observation's combination."""
-    pairs = found.pairs[found.kind // 2]
-    phase = np.column_stack([pairs["signal_1"], pairs["signal_2"]])
-    code = np.column_stack([pairs["code_1"], pairs["code_2"]])
-    return np.where(is_phase[:, None], phase, code).astype(np.int16)
+    pair, signals = found.kind // 2, np.empty((found.kind.size, 2), np.int16)
+    for k, (phase, code) in enumerate((("signal_1", "code_1"), ("signal_2", "code_2"))):
+        signals[:, k] = np.where(is_phase, found.pairs[phase][pair], found.pairs[code][pair])
+    return signals
 
 
 def _tests(state: PppState, found: EpochQuality, settings: PositioningSettings) -> dict[str, float]:
@@ -109,8 +109,14 @@ def _tests(state: PppState, found: EpochQuality, settings: PositioningSettings) 
         "w_critical": w_critical(levels) * TAIL,
         "noncentrality": noncentrality(levels),
         "reinstated": float(control.taken_back),
-        "cn0_db_hz": float(np.nanmedian(found.pairs["cn0_db_hz"])) if found.pairs.size else float("nan"),
+        "cn0_db_hz": _median(found.pairs["cn0_db_hz"]),
     }
+
+
+def _median(values: Floats) -> float:
+    """Middle one of the finite values; NaN without any."""
+    finite = np.sort(values)[: np.count_nonzero(np.isfinite(values))]  # NaN is sorted last
+    return float(finite[finite.size // 2]) if finite.size else float("nan")
 
 
 def _events(found: EpochQuality) -> tuple[str, ...]:
