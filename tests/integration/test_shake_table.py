@@ -53,6 +53,20 @@ def test_single_antennas_and_their_average(folder: Path, capsys: pytest.CaptureF
     assert printed.count(".png") == 5
 
 
+def test_antennas_with_the_imu(folder: Path) -> None:
+    """Oracle: the simulator's truth: three antennas with the IMU are better than one, and follow every vibration."""
+    for scheme in ("GI1", "GI123"):
+        process(folder, scheme)
+    truth = files.read_truth(folder)
+    one, three = (files.read_scheme(folder, truth, scheme) for scheme in ("GI1", "GI123"))
+    assert scatter_of(truth, three).both_m < min(scatter_of(truth, one).both_m, 2e-3)
+    assert scatter_of(truth, three).missing < 20 * truth.rest_s
+    lines = lines_of(truth, three)
+    assert [line.frequency_hz for line in lines] == [0.50, 0.67]
+    assert all(line.frequency_exact for line in lines)
+    assert max(abs(line.amplitude_error_m) for line in lines) < 1.5e-3
+
+
 def test_the_command_simulates(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
