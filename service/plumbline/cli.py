@@ -15,6 +15,7 @@ from plumbline import __version__
 from plumbline.config import AntennaMotion, Mode, read_server_settings
 from plumbline.errors import PlumblineError
 from plumbline.evaluation import command as evaluation
+from plumbline.files.imu import FORMATS as IMU_FORMATS
 from plumbline.gps_time import gps_ns_from_unix_ns
 from plumbline.offline_imu_options import add_options as add_imu_options
 from plumbline.offline_imu_options import inertial_settings
@@ -49,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate = commands.add_parser("simulate", help="make an experiment whose truth is known")
     evaluation.add_simulate(simulate, lambda arguments: main(["process", *arguments]))
     evaluation.add_evaluate(commands.add_parser("evaluate", help="compare results with the truth"))
+    _add_characterise(commands.add_parser("characterise", help="an inertial sensor's noise, or how it is mounted"))
     inspect = commands.add_parser("inspect", help="say what is in RTCM3 files")
     inspect.add_argument("files", nargs="+", type=Path, metavar="FILE")
     inspect.add_argument("--json", action="store_true", help="one JSON object a file")
@@ -116,6 +118,31 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")
     add_imu_options(parser)
     parser.set_defaults(run=_process, motion=AntennaMotion.KINEMATIC)
+
+
+def _add_characterise(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a static record of an IMU")
+    parser.add_argument("--imu-format", choices=IMU_FORMATS, default="auto")
+    parser.add_argument("--from", dest="begin", type=float, default=0.0, metavar="S", help="use the record from here")
+    parser.add_argument("--to", dest="end", type=float, metavar="S", help="up to here")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="TOML for `process --imu-characteristics`")
+    parser.add_argument("--displacement", nargs="+", type=Path, metavar="FILE",
+                        help="compare FILE (an accelerometer's components) with GNSS: how is it mounted?")  # fmt: skip
+    parser.add_argument("--pole-zero", nargs="+", type=Path, default=[], metavar="FILE")
+    parser.add_argument("--band", type=float, nargs=2, default=(0.05, 0.4), metavar="HZ", help="common band")
+    parser.set_defaults(run=_characterise)
+
+
+def _characterise(options: argparse.Namespace) -> int:
+    from plumbline import offline_characterise
+
+    if options.displacement:
+        print(offline_characterise.propose_mounting(
+            options.files, options.pole_zero, options.displacement, tuple(options.band)))  # fmt: skip
+        return 0
+    for path in options.files:
+        print(offline_characterise.characterise(path, options.imu_format, options.begin, options.end, options.output))
+    return 0
 
 
 def _vector(text: str) -> tuple[float, float, float]:

@@ -99,6 +99,7 @@ def differences(
             rows[d] = i
             d += 1
     out_h, out_v, r = np.empty((d, n)), np.empty(d), np.empty((d, d))
+    root = np.sqrt(share * variance)  # covariance of rows of one link: the product of two
     for a in range(d):
         i, ri = rows[a], reference[rows[a]]
         for k in range(n):
@@ -106,24 +107,18 @@ def differences(
         out_v[a] = v[i] - v[ri]
         for b in range(a + 1):
             j, rj = rows[b], reference[rows[b]]
-            r[a, b] = (
-                _shared(i, j, variance, link, share)
-                - _shared(i, rj, variance, link, share)
-                - _shared(ri, j, variance, link, share)
-                + _shared(ri, rj, variance, link, share)
-            )
-            r[b, a] = r[a, b]
+            total = 0.0
+            if link[i] == link[j]:
+                total += variance[i] if i == j else root[i] * root[j]
+            if link[i] == link[rj]:
+                total -= root[i] * root[rj]
+            if link[ri] == link[j]:
+                total -= root[ri] * root[j]
+            if link[ri] == link[rj]:
+                total += variance[ri] if ri == rj else root[ri] * root[rj]
+            r[a, b] = total
+            r[b, a] = total
     return out_h, out_v, r
-
-
-@njit(cache=True)
-def _shared(i: int, j: int, variance: Floats, link: Ints, share: float) -> float:
-    """Covariance of single differences i and j."""
-    if i == j:
-        return float(variance[i])
-    if link[i] == link[j]:
-        return float(share * np.sqrt(variance[i] * variance[j]))
-    return 0.0
 
 
 @njit(cache=True)
