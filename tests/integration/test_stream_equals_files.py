@@ -1,8 +1,8 @@
 """A station's day as RTCM streams and as files. Oracle: the same positions; RTCM's quantisation is all that may differ.
 
-Phases are sent to 0.14 mm (0.4 mm ionosphere-free), orbits to 0.1 mm radially and 0.4 mm along and across. What remains
-beyond a millimetre, at one epoch in a hundred at most, is what the filter makes of that where a phase is doubtful: its
-weight falls steeply towards its limit of refusal, which follows the small and quantised residuals of the epoch itself.
+Phases are sent to 0.14 mm (0.4 mm ionosphere-free), orbits to 0.1 mm radially and 0.4 mm along and across. Over all 12
+hours some epochs differ by up to 2.3 mm: where a phase is doubtful, its weight falls steeply towards its limit of
+refusal, which follows the small and quantised residuals of the epoch itself.
 """
 
 import csv
@@ -48,5 +48,4 @@ def test_positions_from_streams_are_those_from_files(data_dir: Path, tmp_path: P
     size = np.abs(difference)
     print("rms, 99 %, max mm", np.sqrt((size**2).mean(axis=0)), np.quantile(size, 0.99, axis=0), size.max(axis=0))
     assert (np.sqrt((size**2).mean(axis=0)) <= [0.2, 0.2, 0.4]).all()
-    assert (size <= 1.0).all(axis=1).mean() >= 0.99
-    assert size.max() <= 3.0
+    assert size.max() <= 1.0
