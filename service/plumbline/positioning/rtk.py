@@ -34,7 +34,10 @@ _MIN_SATELLITES: Final = 4
 _CODE_W_LIMIT: Final = 4.0
 _FAR_M: Final = 100.0  # a position further from the approximate one is computed again from there
 _RESTART_GAP_S: Final = 30.0  # a kinematic antenna may be anywhere after this
-_ADOPT_AFTER_NS: Final = 5 * _NS  # a base that has not told its position by then gets a single-point one
+_ADOPT_AFTER_NS: Final = 5 * _NS  # a base that has not told its position by then gets a single-point one …
+_TRUST_AFTER_NS: Final = (
+    65 * _NS
+)  # … which is its position from then on: 1005/1006 come once a minute at least
 _DOUBTS_LIMIT: Final = 3  # epochs in a row that speak against the integers held, and they are let go
 _DOUBTFUL_VARIANCE: Final = 9.0  # of the held phases' residuals, in units of their own
 _VERIFY_EVERY_NS: Final = 10 * _NS
@@ -95,7 +98,27 @@ def step(
     if n < _MIN_SATELLITES:
         reason = f"rover and base {base.station} have {n} satellites in common, {_MIN_SATELLITES} needed"
         return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n), None
-    return _relative(state, _Inputs(rover, base.epoch, base.station, base_position, source, settings, facts), rows)
+    inputs = _Inputs(rover, base.epoch, base.station, base_position, source, settings, facts)
+    if not _is_provisional(state, base, settings):
+        return _relative(state, inputs, rows)
+    reference = state.reference_position_ecef_m
+    state, solution, diagnostics = _relative(state, inputs, rows)
+    why = f"no displacement yet: base {base.station} has not told its position (1005/1006 or a setting)"
+    solution = replace(solution, displacement_enu_m=None, reason="; ".join(filter(None, (solution.reason, why))))
+    return replace(state, reference_position_ecef_m=reference), solution, diagnostics
+
+
+def _is_provisional(state: RtkState, base: BaseView, settings: StationSettings) -> bool:
+    """Whether the base's position may still be corrected by metres, which must not pass for a motion."""
+    told = base.position_ecef_m is not None or settings.rtk.moving_base
+    return not told and not _is_adopted_for_good(state, base)
+
+
+def _is_adopted_for_good(state: RtkState, base: BaseView) -> bool:
+    """A single-point position that the series rests on; what the base tells later would be a jump."""
+    if state.base_position_ecef_m is None or state.t_base_first_ns is None or base.epoch is None:
+        return False
+    return base.epoch.t_gps_ns - state.t_base_first_ns >= _TRUST_AFTER_NS
 
 
 def _base_position(
@@ -111,8 +134,9 @@ def _base_position(
     if settings.rtk.moving_base:
         position = single_point_of(base.epoch, source)
         return state, position, "" if position is not None else f"no single-point position of base {base.station}"
-    if base.position_ecef_m is not None:
-        return state, base.position_ecef_m, ""
+    set_by_hand = settings.rtk.base_position_ecef_m is not None
+    if base.position_ecef_m is not None and (set_by_hand or not _is_adopted_for_good(state, base)):
+        return replace(state, base_position_ecef_m=None, t_base_first_ns=None), base.position_ecef_m, ""
     first_ns = state.t_base_first_ns if state.t_base_first_ns is not None else base.epoch.t_gps_ns
     state = replace(state, t_base_first_ns=first_ns)
     adopted = state.base_position_ecef_m
