@@ -94,9 +94,15 @@ def process_arguments(folder: Path, scheme: str) -> list[str]:
 
 
 def _inertial_arguments(description: Mapping[str, Any], antennas: Sequence[int]) -> list[str]:
-    """Lever arms, and the IMU as the paper's table 1 describes it."""
+    """Lever arms, the IMU as the paper's table 1 describes it, and the heading to align it with.
+
+    Where one antenna alone is used, that heading is still the one that antennas have given at rest (Dai 2024, section
+    2.2): half a metre of lever arm turns a degree of gyro-compassing into a centimetre.
+    """
     arms = [_vector(description["lever_arms_body_m"][k - 1]) for k in antennas]
-    return [f"--lever-arms={';'.join(arms)}", "--imu-characteristics", "atlans-c"]
+    known = (description["heading_by_antennas_deg"], description["heading_sigma_deg"]) if len(antennas) == 1 else ()
+    heading = [f"{name}={value:.4f}" for name, value in zip(("--heading", "--heading-sigma"), known, strict=False)]
+    return [f"--lever-arms={';'.join(arms)}", "--imu-characteristics", "atlans-c", *heading]
 
 
 def _vector(values: Sequence[float]) -> str:

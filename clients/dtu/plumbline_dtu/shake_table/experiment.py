@@ -28,6 +28,7 @@ ANTENNA_SPACING_M: Final = 1.0
 IMU_BELOW_ANTENNAS_M: Final = 0.15
 TABLE_AZIMUTH_DEG: Final = 60.0
 HEADING_DEG, PITCH_DEG, ROLL_DEG = 25.0, 0.4, -0.3
+HEADING_SIGMA_DEG: Final = 0.1  # to which antennas 1 m apart, averaged at rest, give the heading to align an IMU with
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from plumbline_dtu.shake_table import imu, receiver
 from plumbline_dtu.shake_table.experiment import (
     GNSS_RATE_HZ,
     HEADING_DEG,
+    HEADING_SIGMA_DEG,
     IMU_RATE_HZ,
     PITCH_DEG,
     ROLL_DEG,
@@ -58,6 +59,9 @@ def _write_description(experiment: Experiment, path: Path) -> None:
         "antennas_ecef_m": rest,
         "lever_arms_body_m": lever_arms_body_m().tolist(),
         "attitude_deg": {"roll": ROLL_DEG, "pitch": PITCH_DEG, "heading": HEADING_DEG},
+        "heading_by_antennas_deg": HEADING_DEG
+        + HEADING_SIGMA_DEG * np.random.default_rng([experiment.seed, 41]).normal(),
+        "heading_sigma_deg": HEADING_SIGMA_DEG,
         "table_direction_enu": table_direction_enu().tolist(),
         "schedule": asdict(experiment.schedule),
         "levels": asdict(experiment.levels),
