@@ -85,9 +85,7 @@ def level_velocity_changes(
     return out
 
 
-def heading_from_motion(
-    level_change_m_s: Floats, enu_change_m_s: Floats, intervals_s: Floats
-) -> tuple[float, float]:
+def heading_from_motion(level_change_m_s: Floats, enu_change_m_s: Floats, intervals_s: Floats) -> tuple[float, float]:
     """Heading and its sigma, rad, that turn horizontal velocity changes (m, 2) of the level frame into east, north.
 
     A constant acceleration over the intervals (m,) is estimated along: tilt and the accelerometer's bias look like one.

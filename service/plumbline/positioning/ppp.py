@@ -36,6 +36,7 @@ _GRADIENT_SIGMA_M: Final = 0.0005
 _WEAK_SIGMA_M: Final = 3.0  # a precise position worse than that is compared with a single point
 _LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 _STAY_CONVERGED: Final = 2.0  # once converged, a position stays so up to this multiple of the limit
+_ACCEPTED: Final = int(Verdict.ACCEPTED)
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
 
 
@@ -57,7 +58,7 @@ class EpochQuality:
     @property
     def used(self) -> Booleans:
         """Which observations were used (m,)."""
-        accepted: Booleans = self.control.verdict == Verdict.ACCEPTED
+        accepted: Booleans = self.control.verdict == _ACCEPTED
         return accepted
 
     @property
@@ -184,27 +185,30 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
 
 def _slips(arcs: Records, used: SatelliteIds, t_gps_ns: int) -> tuple[tuple[int, int], ...]:
     """Satellites of those used whose ambiguities begin anew though they were tracked before, and why."""
-    anew = arcs[(arcs["t_first_ns"] == t_gps_ns) & (arcs["began"] != BEGAN_NEW) & np.isin(arcs["satellite"], used)]
-    return tuple((int(arc["satellite"]), int(arc["began"])) for arc in anew)
+    anew = arcs[(arcs["t_first_ns"] == t_gps_ns) & (arcs["began"] != BEGAN_NEW)]
+    if anew.size == 0:
+        return ()
+    return tuple((int(arc["satellite"]), int(arc["began"])) for arc in anew if arc["satellite"] in used)
 
 
 def _finish(
     state: PppState, inputs: Inputs, site: Site, rows: Records, quality: EpochQuality, new_ambiguities: int
 ) -> tuple[PppState, Solution, EpochQuality]:
     """The solution of an updated filter, and what the state remembers of it."""
+    used = quality.used
     covariance: Floats = site.rotation_enu @ state.p[POSITION, POSITION] @ site.rotation_enu.T
     noise = epoch_noise_enu_m2(
-        site.rotation_enu, quality.design, quality.variance_m2, quality.kind, quality.used, state.phase_scale,
+        site.rotation_enu, quality.design, quality.variance_m2, quality.kind, used, state.phase_scale,
         state.covariance_enu_m2, covariance,
     )  # fmt: skip
     state, status = _judged(state, inputs, covariance)
-    seen = sorted({kind // 2 for kind in quality.kind[quality.used].tolist()})
+    seen = sorted({kind // 2 for kind in quality.kind[used].tolist()})
     systems = inputs.pairs["system"][seen]
     oldest_s = float(np.fmax.reduce(inputs.states.age_s[seen]))
     extras = {
         "nis": quality.nis,
-        "degrees_of_freedom": float(quality.used.sum()),
-        "rejected_observations": float((~quality.used).sum()),
+        "degrees_of_freedom": float(np.count_nonzero(used)),
+        "rejected_observations": float(used.size - np.count_nonzero(used)),
         "new_ambiguities": float(new_ambiguities),
     }
     solution = precise_solution(

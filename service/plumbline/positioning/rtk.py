@@ -35,9 +35,7 @@ _CODE_W_LIMIT: Final = 4.0
 _FAR_M: Final = 100.0  # a position further from the approximate one is computed again from there
 _RESTART_GAP_S: Final = 30.0  # a kinematic antenna may be anywhere after this
 _ADOPT_AFTER_NS: Final = 5 * _NS  # a base that has not told its position by then gets a single-point one …
-_TRUST_AFTER_NS: Final = (
-    65 * _NS
-)  # … which is its position from then on: 1005/1006 come once a minute at least
+_TRUST_AFTER_NS: Final = 65 * _NS  # … which is its position from then on: 1005/1006 come once a minute at least
 _DOUBTS_LIMIT: Final = 3  # epochs in a row that speak against the integers held, and they are let go
 _DOUBTFUL_VARIANCE: Final = 9.0  # of the held phases' residuals, in units of their own
 _VERIFY_EVERY_NS: Final = 10 * _NS
