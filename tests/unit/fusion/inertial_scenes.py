@@ -54,16 +54,17 @@ def truth_of(
     rate_hz: int = 100,
     angles: tuple[float, float, float] = (0.5, 0.02, -0.03),
     velocity_enu_m_s: Floats | None = None,
+    fine: int = FINE,
 ) -> Truth:
     """Integrate a motion at ten times the sample rate with the local mechanisation."""
     nav = np.zeros(21)
     nav[0:3], nav[6:15] = PLACE, rotation_enu_from_angles(*angles).ravel()
     nav[3:6] = 0.0 if velocity_enu_m_s is None else velocity_enu_m_s
-    n, step = round(duration_s * rate_hz), 1.0 / (rate_hz * FINE)
+    n, step = round(duration_s * rate_hz), 1.0 / (rate_hz * fine)
     states, samples, unused = np.empty((n + 1, 21)), np.empty((n + 1, 6)), np.zeros(3)
     for k in range(n + 1):
         states[k], samples[k] = nav, _sample(nav, motion(k / rate_hz))
-        for i in range(FINE):
+        for i in range(fine):
             middle = _sample(nav, motion(k / rate_hz + (i + 0.5) * step))
             step_local(nav, middle[:3], middle[3:], step, unused)
     times = T0 + np.arange(n + 1, dtype=np.int64) * (NS_PER_S // rate_hz)
