@@ -185,7 +185,7 @@ def _figures(state: LooseState, innovations: Sequence[Innovation]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Arrival:
+class Arrival:
     """An epoch of a stream (−1 the base, else an antenna) or a block of samples, when it came."""
 
     t_receive_ns: int
@@ -234,7 +234,7 @@ def _tight_steps(
     """Feed arrivals to the platform, instants of all antennas together."""
     state, n = initial_platform_state("process"), len(request.rovers)
     waiting: dict[int, list[Epoch | None]] = {}
-    for arrival in _arrivals(request, books):
+    for arrival in arrivals(request, books):
         if isinstance(arrival.what, InertialBlock):
             result = receive_platform_inertial(state, arrival.what, platform)
             state = result.state
@@ -269,7 +269,7 @@ def _rows_of(rows: Rows, nodes: Sequence[TightNode], every_sample: bool) -> list
     return made
 
 
-def _arrivals(request: ImuRequest, books: Books) -> Iterator[_Arrival]:
+def arrivals(request: ImuRequest, books: Books) -> Iterator[Arrival]:
     """Everything that the recordings hold, in the order in which it came; the base's goes into the books on the way."""
     if request.base is None:
         return
@@ -286,7 +286,7 @@ def _arrivals(request: ImuRequest, books: Books) -> Iterator[_Arrival]:
         if number < 0:
             feed.receive(what.data, t_ns)  # type: ignore[attr-defined]
         elif isinstance(what, Epoch | InertialBlock):
-            yield _Arrival(t_ns, number, what)
+            yield Arrival(t_ns, number, what)
 
 
 def _antenna(path: Path, number: int, books: Books, near_ns: int) -> Iterator[tuple[int, int, object]]:
