@@ -22,7 +22,7 @@ from plumbline.api import Feed, NoControl, create_app
 from plumbline.api.documents import stream_examples
 from plumbline.config import ServerSettings, StationSettings
 from plumbline.gps_time import gps_ns_from_utc
-from plumbline.records import AlertEvent, AlertState, Motion, Severity, Solution, StationStatus, Status
+from plumbline.records import AlertEvent, AlertState, Motion, QualityReport, Severity, Solution, StationStatus, Status
 from plumbline.store import Store
 from plumbline_client import AsyncClient, Client, PlumblineError
 
@@ -86,7 +86,14 @@ def one_of_each() -> list[Any]:
         "a", T0, T0, Status.PPP_FLOAT, "", 9, np.array([4e6, 0, 5e6]), np.ones(3), np.eye(3), np.ones(3), "G"
     )
     event = AlertEvent("x", "a", "t", AlertState.ACTIVE, Severity.ALARM, T0, T0, T0, "displacement_up", 0.06, 0.05, "!")
-    return [solution, motion(0), StationStatus("a", T0, "receiving", "", T0, Status.PPP_FLOAT, 9, {"n": 1}), event]
+    status = StationStatus("a", T0, "receiving", "", T0, Status.PPP_FLOAT, 9, {"n": 1})
+    one, half = np.ones(1), np.full(1, 0.5)
+    quality = QualityReport(
+        "a", T0, T0, {"statistic": 1.5}, np.array([4], np.int16), np.array([True]), np.array([[1, 9]], np.int16),
+        one, one, half, one, one, np.ones((1, 3)), half, one, one, np.zeros(1, np.int8),
+        0.9, 1.2, 1.5, 0.02, 0.04, 1e-5, ("cycle slip of G05",),
+    )  # fmt: skip
+    return [solution, motion(0), status, event, quality]
 
 
 async def eventually(condition: Callable[[], bool]) -> None:
@@ -104,11 +111,15 @@ async def receive(connection: ClientConnection) -> dict[str, Any]:
 
 async def test_messages_have_the_form_that_is_documented(server: Server) -> None:
     examples = stream_examples()
-    assert set(examples) == {"hello", "subscribed", "solution", "motion", "status", "alert", "missed", "error"}
-    async with connect(server.stream + "?channel=solution,motion&channel=status&channel=alert&station=a") as connection:
+    assert set(examples) == {
+        "hello", "subscribed", "solution", "motion", "status", "alert", "quality", "missed", "error",
+    }  # fmt: skip
+    async with connect(
+        server.stream + "?channel=solution,motion&channel=status&channel=alert&channel=quality&station=a"
+    ) as connection:
         got = [await receive(connection), await receive(connection)]
         server.feed.publish_all([motion(0, "b"), *one_of_each()])
-        got += [await receive(connection) for _ in range(4)]
+        got += [await receive(connection) for _ in range(5)]
         await connection.send('{"action": "subscribe", "channels": ["weather"]}')
         got.append(await receive(connection))
     assert [message["type"] for message in got] == [
@@ -118,6 +129,7 @@ async def test_messages_have_the_form_that_is_documented(server: Server) -> None
         "motion",
         "status",
         "alert",
+        "quality",
         "error",
     ]
     for message in got:
@@ -128,8 +140,8 @@ async def test_messages_have_the_form_that_is_documented(server: Server) -> None
                 assert isinstance(message[name], (int, float) if isinstance(value, float) else type(value)), name
     assert got[3]["up_mm"] == [3.0] * 100
     assert (got[3]["interval_s"], got[3]["revision"], got[3]["time"]) == (0.01, 2, "2026-03-01T12:00:00.000Z")
-    numbers = [message["sequence"] for message in got[2:6]]
-    assert numbers == list(range(numbers[0], numbers[0] + 4))
+    numbers = [message["sequence"] for message in got[2:7]]
+    assert numbers == list(range(numbers[0], numbers[0] + 5))
 
 
 async def test_a_bare_connection_gets_nothing_until_it_asks_and_may_ask_anew(server: Server) -> None:
