@@ -104,7 +104,7 @@ def heading_from_motion(level_change_m_s: Floats, enu_change_m_s: Floats, interv
         return 0.0, math.inf
     turn = product / abs(product)
     left = float(np.sum(np.abs(gnss - turn * inertial) ** 2))
-    return -math.atan2(turn.imag, turn.real), math.sqrt(left / (len(inertial) - 2) / power)
+    return -math.atan2(turn.imag, turn.real), math.sqrt(0.5 * left / (len(inertial) - 2) / power)
 
 
 def attitude_from_antennas(
