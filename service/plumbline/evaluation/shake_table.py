@@ -4,7 +4,7 @@ An error is a scheme's displacement along the table less the laser's, the mean o
 the standard deviation of errors; the paper's errors have a sign and its laser has one direction, so they are along the
 table). "2D" is the same of east and north together: the root of the sum of both variances.
 
-A vibration's frequencies and amplitudes come from a Fourier transform of its steady part, laser and scheme alike: the
+A vibration's frequencies and amplitudes come from a Fourier transform of its minutes, laser and scheme alike: the
 peak's bin has to be the laser's, and the amplitude is that of the laser's bin.
 """
 
@@ -180,11 +180,11 @@ def lines_of(truth: Truth, series: Series) -> list[Line]:
     along = series.displacement_enu_m @ truth.direction_enu
     lines = []
     for number, vibration in enumerate(truth.vibrations):
-        steady = _steady(truth, vibration)
-        if np.isnan(along[steady]).any():
+        rows = _rows_of(truth, vibration)
+        if np.isnan(along[rows]).any():
             continue
-        frequency, laser = amplitude_spectrum(truth.along_m[steady], truth.rate_hz)
-        _, scheme = amplitude_spectrum(along[steady], truth.rate_hz)
+        frequency, laser = amplitude_spectrum(truth.along_m[rows], truth.rate_hz)
+        _, scheme = amplitude_spectrum(along[rows], truth.rate_hz)
         for _, commanded in vibration.parts:
             around = np.flatnonzero(np.abs(frequency - commanded) < _reach_hz(vibration, commanded))
             k, j = around[np.argmax(laser[around])], around[np.argmax(scheme[around])]
@@ -206,10 +206,10 @@ def amplitude_spectrum(values_m: Floats, rate_hz: float) -> tuple[Floats, Floats
     return np.asarray(np.fft.rfftfreq(n, 1.0 / rate_hz), float), np.asarray(spectrum, float)
 
 
-def _steady(truth: Truth, vibration: Vibration) -> slice:
-    """The rows between swelling and fading."""
-    first_s, last_s = vibration.start_s + vibration.ramp_s, vibration.start_s + vibration.lasting_s - vibration.ramp_s
-    return slice(round(first_s * truth.rate_hz), round(last_s * truth.rate_hz))
+def _rows_of(truth: Truth, vibration: Vibration) -> slice:
+    """The vibration's rows: whole minutes, so that 0.67 Hz does not stand half-way between two bins."""
+    first, last = vibration.start_s, vibration.start_s + vibration.lasting_s
+    return slice(round(first * truth.rate_hz), round(last * truth.rate_hz))
 
 
 def _reach_hz(vibration: Vibration, commanded_hz: float) -> float:

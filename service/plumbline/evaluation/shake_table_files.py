@@ -16,7 +16,7 @@ from plumbline.evaluation.shake_table import SCHEMES, Series, Truth, mean_of, se
 from plumbline.records import Status
 
 AVERAGED: Final = {"G123": ("G1", "G2", "G3")}  # not processed: the average of others
-PHASE_SIGMA_M: Final = "0.006"  # of single antennas, tested by themselves: beside walls multipath, not noise
+PHASE_SIGMA_M: Final = "0.006"  # what an operator would set on a platform beside walls: multipath, not noise
 _NOT_FIXED: Final = frozenset(map(str, (Status.RTK_FLOAT, Status.CONVERGING, Status.SINGLE_POINT)))
 _NS_PER_MS: Final = 1_000_000
 
@@ -80,12 +80,13 @@ def process_arguments(folder: Path, scheme: str) -> list[str]:
     rovers = [str(folder / f"antenna{k}.rtcm3") for k in antennas]
     common = [
         "--base", str(folder / "base.rtcm3"), "--base-position", _vector(description["base_ecef_m"]),
-        "--systems", "GC", "--elevation-mask", "10", "--frequencies", "1", "--rover", rovers[0],
+        "--systems", "GC", "--elevation-mask", "10", "--frequencies", "1", "--phase-sigma", PHASE_SIGMA_M,
+        "--rover", rovers[0],
         "--output", str(result_path(folder, scheme)),
     ]  # fmt: skip
     if "I" not in scheme:
         reference = description["antennas_ecef_m"][antennas[0] - 1]
-        return ["--mode", "rtk", "--phase-sigma", PHASE_SIGMA_M, "--reference", _vector(reference), *common]
+        return ["--mode", "rtk", "--reference", _vector(reference), *common]
     more = [part for k, rover in enumerate(rovers[1:], start=2) for part in (f"--rover{k}", rover)]
     return [
         "--mode", "rtk-imu-tight", "--reference", _vector(description["platform_ecef_m"]), *common, *more,

@@ -104,7 +104,7 @@ def test_lines(truth: Truth) -> None:
     lines = lines_of(truth, with_error(truth, "G1", np.zeros(len(truth.t_gps_ns))))
     assert [line.frequency_hz for line in lines] == [0.50, 0.67, 0.11, 0.34, 0.80] * 2
     assert all(line.frequency_exact and line.amplitude_error_m == pytest.approx(0.0, abs=1e-5) for line in lines)
-    assert all(abs(line.laser_hz - line.frequency_hz) <= 0.5 / 26.0 + 1e-9 for line in lines)
+    assert all(abs(line.laser_hz - line.frequency_hz) <= 0.5 / 30.0 + 1e-9 for line in lines)
     assert lines[0].laser_m == pytest.approx(0.019, abs=1e-4)
     short = lines_of(truth, with_error(truth, "G1", -truth.along_m * 2.0 / 19.0))
     assert short[0].amplitude_error_m == pytest.approx(-2e-3, rel=0.01)
