@@ -7,7 +7,7 @@ DASHBOARD := service/plumbline/api/dashboard/index.html
 export NUMBA_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install demo test lint bench openapi clean
+.PHONY: install demo test soak lint bench openapi clean
 
 install: $(STAMP) $(DASHBOARD)
 	@$(BIN)/python -m plumbline.warm_up
@@ -26,6 +26,9 @@ demo: install
 
 test: install
 	$(BIN)/python -m pytest
+
+soak: install
+	$(BIN)/python -m pytest -m soak
 
 lint: install
 	$(BIN)/ruff check .

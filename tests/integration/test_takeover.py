@@ -25,7 +25,7 @@ from plumbline.records import Solution
 from plumbline.store import Store
 from plumbline.worker.replay import replay_archive
 
-pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.realdata, pytest.mark.soak, pytest.mark.timeout(240)]
 
 CONFIG = """
 http_host = "127.0.0.1"
