@@ -87,7 +87,7 @@ class Levels:
     phase_m: float = 0.0014
     code_m: float = 0.25
     range_rate_m_s: float = 0.03
-    platform_reflection: float = 0.455  # of the direct signal's amplitude at the horizon, root mean square
+    platform_reflection: float = 0.467  # of the direct signal's amplitude at the horizon, root mean square
     base_reflection: float = 0.12
     clock_s: float = 3e-8
 
