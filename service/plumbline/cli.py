@@ -112,7 +112,7 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--antenna-height", type=float, default=0.0, metavar="M")
     parser.add_argument("--systems", default="GREC")
     parser.add_argument("--elevation-mask", type=float, default=7.0, metavar="DEG")
-    parser.add_argument("--ar", choices=("off", "on"), default="off", help="ambiguity resolution")
+    parser.add_argument("--ar", choices=("off",), default="off", help="of PPP: float alone")
     parser.add_argument("--quality-log", type=Path, metavar="FILE", help="JSON lines: tests and observations an epoch")
     parser.add_argument("--quality-control", choices=("on", "off"), default="on", help="off: leave nothing out")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")

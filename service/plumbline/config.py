@@ -53,7 +53,7 @@ class PositioningSettings(_Frozen):
     systems: str = Field("GREC", pattern=r"^[GRESJCI]+$")
     elevation_mask_deg: float = Field(7.0, ge=0, lt=90)
     motion: AntennaMotion = AntennaMotion.KINEMATIC
-    ambiguity_resolution: Literal["off", "on"] = "off"
+    ambiguity_resolution: Literal["off"] = "off"  # of PPP: float alone
     code_sigma_m: float = Field(0.15, gt=0)  # at the zenith, per signal; raised where the codes are noisier
     phase_sigma_m: float = Field(0.002, gt=0)
     static_process_noise_m_sqrt_h: float = Field(0.0, ge=0)
@@ -159,15 +159,13 @@ class StationSettings(_Frozen):
     name: str = ""
     mode: Mode = Mode.PPP_ACCEL
     reference_position_ecef_m: Vector3 | None = None  # None: the first converged position becomes it
-    reference_frame: str = "ITRF2020"
+    reference_frame: str = "ITRF2020"  # a note kept with the position
     antenna_type: str | None = None  # IGS name and radome; None: what the stream says
     antex: str | None = None  # path of a file of antenna calibrations
     antenna_height_m: float = 0.0  # reference point above the marker
-    correction_streams: tuple[StationId, ...] = ()  # streams whose ephemerides and SSR this station uses; empty: all
     ocean_loading_blq: str | None = None  # path of a BLQ file
     epoch_deadline_s: float = Field(0.8, gt=0)  # how long an epoch waits for late constellations
     silent_after_s: float = Field(10.0, gt=0)
-    structure_azimuth_deg: float | None = None  # longitudinal axis, clockwise from north
     device: DeviceSettings = DeviceSettings()
     positioning: PositioningSettings = PositioningSettings()
     rtk: RtkSettings = RtkSettings()
@@ -217,7 +215,7 @@ class ServerSettings(_Frozen):
     idle_deadline_s: float = Field(120.0, gt=0)
     max_connections: int = Field(20_000, ge=1)
     max_connections_per_address: int = Field(2_000, ge=1)
-    hold_back_s: float = Field(0.05, ge=0)  # how long a worker waits so that streams merge in receive order
+    hold_back_s: float = Field(0.05, ge=0)  # how often ingest tells workers its clock
     checkpoint_interval_s: float = Field(10.0, gt=0)
     stations: tuple[StationSettings, ...] = ()
     thresholds: tuple[ThresholdSettings, ...] = ()

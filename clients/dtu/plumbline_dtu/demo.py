@@ -110,7 +110,6 @@ def _station_toml(plan: StationPlan) -> list[str]:
         'mode = "ppp-accel"',
         f"reference_position_ecef_m = [{x:.4f}, {y:.4f}, {z:.4f}]",
         'reference_frame = "simulated"',
-        f'correction_streams = ["{CORRECTIONS}"]',
         _DEVICE_TOML,
         'positioning = { systems = "GEC", code_sigma_m = 0.06, phase_sigma_m = 0.002, converged_sigma_m = 0.08 }',
         f"fusion = {{ rotation_enu_from_sensor = {rotation} }}",
