@@ -25,7 +25,7 @@ from plumbline.records import Solution
 from plumbline.store import Store
 from plumbline.worker.replay import replay_archive
 
-pytestmark = [pytest.mark.realdata, pytest.mark.soak, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(240)]
 
 CONFIG = """
 http_host = "127.0.0.1"
@@ -185,6 +185,7 @@ def test_killed_workers_leave_no_mark(serve: Callable, device: type, data_dir: P
     assert_equals_replay(server.data_dir, least_rows=2500)
 
 
+@pytest.mark.soak
 def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_dir: Path) -> None:
     packets = recordings(data_dir)
     server = serve(CONFIG.format(extra=""))
