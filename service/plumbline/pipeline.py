@@ -1,12 +1,12 @@
 """One station's wiring, from bytes to motion and alerts. Pure: bytes and times in, records out.
 
-    bytes ► decoder ► observations ► assembler ► epochs ► ppp ► solution ► fusion ► motion ► alert rules
+    bytes ► decoder ► observations ► assembler ► epochs ► mode ► solutions, motion ► alert rules
                     ► ephemerides, corrections ► books
-                    ► inertial samples ────────────────────────────────► fusion
+                    ► inertial samples ──────────────────► mode
 
-Live traffic, the replay of an archive and an offline reprocessing all run this. Chunks come in the order of their
-receive times; what leaves depends on them alone. :meth:`Pipeline.advance` only makes sooner what the next chunk would
-bring.
+What a mode does with epochs and samples is in :mod:`plumbline.modes`. Live traffic, the replay of an archive and an
+offline reprocessing all run this. Chunks come in the order of their receive times; what leaves depends on them alone.
+:meth:`Pipeline.advance` only makes sooner what the next chunk would bring.
 """
 
 import pickle
@@ -17,30 +17,26 @@ from typing import Final
 
 import numpy as np
 
-from plumbline import fusion
+from plumbline import modes
 from plumbline.alerts import rules
-from plumbline.config import Mode, StationSettings
+from plumbline.config import StationSettings
 from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.epochs.time_base import TimeBase
 from plumbline.gps_time import NS_PER_S, WEEK_NS
-from plumbline.positioning import ppp, rtk, rtk_network
+from plumbline.modes.context import Outcome
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
-from plumbline.positioning.rtk_base import base_view, due_until_ns, network_due_until_ns, network_views
-from plumbline.positioning.rtk_state import RtkState
 from plumbline.positioning.satellites import SatelliteSource
-from plumbline.positioning.state import PppState
 from plumbline.positioning.station_facts import facts_of
-from plumbline.quality.report import quality_report
 from plumbline.records import (
     UNKNOWN_CHANNEL,
     AntennaDescription,
     Epoch,
     InertialBlock,
-    Motion,
     Output,
+    QualityReport,
     Solution,
     StationStatus,
     Threshold,
@@ -63,11 +59,7 @@ class PipelineState:
     assemblers: dict[int, EpochAssembler] = field(default_factory=dict)  # by RTCM station id
     books: Books = field(default_factory=Books)  # from the station's own stream
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
-    position: PppState = field(default_factory=PppState)
-    relative: RtkState = field(default_factory=RtkState)
-    network: rtk_network.NetworkState = field(default_factory=rtk_network.NetworkState)
-    waiting: list[Epoch] = field(default_factory=list)  # for the base's epoch of the same instant
-    motion: fusion.FusionState | None = None
+    mode: object = None  # the mode's own
     alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
     held: list[tuple[Observations | InertialMessage, int]] = field(default_factory=list)
     base_offset_ns: int | None = None  # of the time base that the series rests on
@@ -95,7 +87,13 @@ class Pipeline:
         self._deadline_ns = round(settings.epoch_deadline_s * NS_PER_S)
         self.state = PipelineState(StreamDecoder(settings.device.inertial_message))
         self._given_source = source
-        self._source = source or self._books_source()
+        self._context = modes.Context(settings, books, source or self._books_source(), self._facts_at)
+        self._begin_mode()
+
+    def _begin_mode(self) -> None:
+        """The mode's processor, from the state that there is."""
+        self._mode = modes.start(self._context, self.state.mode)
+        self.state.mode = self._mode.state
 
     # ---------------------------------------------------------------------------------------- inputs
 
@@ -115,7 +113,7 @@ class Pipeline:
         outputs = self._release_held()
         for assembler in self.state.assemblers.values():
             outputs += [o for epoch in assembler.flush() for o in self.process_epoch(epoch)]
-        outputs += self._release_waiting(t_receive_ns + self._deadline_ns + WEEK_NS)
+        outputs += self._told(self._mode.advance(t_receive_ns + self._deadline_ns + WEEK_NS))
         return outputs + self._status(t_receive_ns)
 
     def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
@@ -143,7 +141,8 @@ class Pipeline:
             return pipeline
         if isinstance(state, PipelineState):
             pipeline.state = state
-            pipeline._source = pipeline._books_source()
+            pipeline._context.source = pipeline._books_source()
+            pipeline._begin_mode()
         return pipeline
 
     # ---------------------------------------------------------------------------------------- the flow
@@ -162,7 +161,7 @@ class Pipeline:
         had_corrections = books.has_corrections
         learned = books.learn(message, t_receive_ns)
         if books.has_corrections != had_corrections and self._given_source is None:
-            self._source = self._books_source()
+            self._context.source = self._books_source()
         return learned
 
     def _base(self) -> TimeBase:
@@ -191,17 +190,14 @@ class Pipeline:
         self.state.base_offset_ns = base.offset_ns
         near_ns = base.near(t_receive_ns)
         if isinstance(message, InertialMessage):
-            return self._inertial(message.block(near_ns, t_receive_ns))
+            return self.receive_inertial(message.block(near_ns, t_receive_ns))
         return self._assemble(message, message.t_gps_ns(near_ns), t_receive_ns)
 
     def _begin_anew(self) -> None:
         """The stream turns out to mean another week: what was filtered so far belongs to another series."""
         self.state.counters["time_base_moved_under_the_series"] += 1
         self.state.assemblers.clear()
-        self.state.waiting.clear()
-        self.state.position = PppState(reference_position_ecef_m=self.state.position.reference_position_ecef_m)
-        self.state.relative = RtkState()
-        self.state.motion = None
+        self._mode.begin_anew()
 
     def _assemble(self, message: Observations, t_gps_ns: int, t_receive_ns: int) -> list[Output]:
         if self._antenna_is_other(message.station):
@@ -218,7 +214,9 @@ class Pipeline:
         if message.system is not System.GLONASS:
             return
         unknown = np.unique(message.satellite[message.glonass_channel == UNKNOWN_CHANNEL])
-        for satellite, channel in zip(unknown, self._source.glonass_channels(t_receive_ns, unknown), strict=True):
+        for satellite, channel in zip(
+            unknown, self._context.source.glonass_channels(t_receive_ns, unknown), strict=True
+        ):
             if channel != UNKNOWN_CHANNEL:
                 assembler.learn_channel(int(satellite), int(channel))
 
@@ -233,85 +231,34 @@ class Pipeline:
     def _advance_epochs(self, t_receive_ns: int) -> list[Output]:
         epochs = [e for a in self.state.assemblers.values() for e in a.advance(t_receive_ns)]
         outputs = [output for epoch in epochs for output in self.process_epoch(epoch)]
-        return outputs + self._release_waiting(t_receive_ns)
+        return outputs + self._told(self._mode.advance(t_receive_ns))
 
     def process_epoch(self, epoch: Epoch) -> list[Output]:
         """Position one epoch, whichever way it came, and pass the solution on."""
         self.state.t_last_data_ns = epoch.t_receive_ns
-        if self.settings.mode in (Mode.RTK, Mode.RTK_NETWORK):
-            self.state.waiting.append(epoch)
-            return self._release_waiting(epoch.t_receive_ns)
-        settings = self.settings.positioning
-        self.state.position, solution, found = ppp.step_with_quality(
-            self.state.position, epoch, self._source, settings, self._facts_at(epoch)
-        )
-        reports = [] if found is None else [quality_report(solution, self.state.position, found, settings)]
-        return [*self._solved(solution), *reports]
+        return self._told(self._mode.receive_epoch(epoch, 0))
+
+    def receive_inertial(self, block: InertialBlock) -> list[Output]:
+        """Take samples that are already a record (from a file)."""
+        return self._told(self._mode.receive_inertial(block))
 
     def _facts_at(self, epoch: Epoch) -> StationFacts:
         if self._facts is None:
             self._facts = facts_of(self.settings, epoch.t_gps_ns, self.state.description.antenna_type or "")
         return self._facts
 
-    def _release_waiting(self, t_receive_ns: int) -> list[Output]:
-        """Position, in their order, the epochs that wait for their base no longer."""
-        outputs: list[Output] = []
-        while self.state.waiting:
-            epoch = self.state.waiting[0]
-            due = network_due_until_ns if self.settings.mode is Mode.RTK_NETWORK else due_until_ns
-            as_of_ns = due(self._shared.bases, epoch, t_receive_ns, self.settings.rtk)
-            if as_of_ns is None:
-                break
-            self.state.waiting = self.state.waiting[1:]
-            outputs += self._solved(self._relative(epoch, as_of_ns))
-        return outputs
+    def _told(self, outcomes: Sequence[Outcome]) -> list[Output]:
+        """What a mode has made, with the alerts that it raises."""
+        for outcome in outcomes:
+            if isinstance(outcome, Solution):
+                self.state.last_solution = outcome
+        return self._with_alerts(outcomes)
 
-    def _relative(self, epoch: Epoch, as_of_ns: int) -> Solution:
-        """Position against a base, or several, as known at a receive time."""
-        facts, bases = self._facts_at(epoch), self._shared.bases
-        if self.settings.mode is Mode.RTK_NETWORK:
-            views = network_views(bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
-            self.state.network, solution = rtk_network.step(
-                self.state.network, epoch, views, self._source, self.settings, facts
-            )
-            return solution
-        base = base_view(bases, epoch.t_gps_ns, as_of_ns, self.settings.rtk)
-        self.state.relative, solution, _ = rtk.step(
-            self.state.relative, epoch, base, self._source, self.settings, facts
-        )
-        return solution
-
-    def _solved(self, solution: Solution) -> list[Output]:
-        self.state.last_solution = solution
-        result = fusion.receive_solution(self._motion_state(), solution, self.settings.fusion)
-        self.state.motion = result.state
-        return self._with_alerts([solution, *result.motions])
-
-    def _inertial(self, block: InertialBlock) -> list[Output]:
-        if self.settings.mode is not Mode.PPP_ACCEL:
-            self.state.counters["inertial_not_used_in_this_mode"] += 1
-            return []
-        result = fusion.receive_inertial(self._motion_state(), block, self.settings.fusion)
-        self.state.motion = result.state
-        return self._with_alerts(result.motions)
-
-    def receive_inertial(self, block: InertialBlock) -> list[Output]:
-        """Take samples that are already a record (from a file)."""
-        return self._inertial(block)
-
-    def _motion_state(self) -> fusion.FusionState:
-        if self.state.motion is None:
-            adopted = {
-                Mode.RTK: self.state.relative.reference_position_ecef_m,
-                Mode.RTK_NETWORK: self.state.network.reference_position_ecef_m,
-            }.get(self.settings.mode, self.state.position.reference_position_ecef_m)
-            reference = self.settings.reference_position_ecef_m or adopted
-            self.state.motion = fusion.initial_state(self.settings.station, reference)
-        return self.state.motion
-
-    def _with_alerts(self, outputs: Sequence[Solution | Motion | StationStatus]) -> list[Output]:
+    def _with_alerts(self, outputs: Sequence[Outcome | StationStatus]) -> list[Output]:
         events: list[Output] = []
         for output in outputs:
+            if isinstance(output, QualityReport):
+                continue
             self.state.alerts, raised = rules.evaluate(self.state.alerts, self.thresholds, output)
             events += raised
         return [*outputs, *events]
@@ -365,8 +312,7 @@ class Pipeline:
         total.update(self.state.books.counters)
         for assembler in self.state.assemblers.values():
             total.update(assembler.counters)
-        if self.state.motion is not None:
-            total.update(self.state.motion.counters)
+        total.update(self._mode.counters)
         return dict(total)
 
     def _books_source(self) -> SatelliteSource:
