@@ -21,7 +21,9 @@ from plumbline.config import StationSettings
 from plumbline.estimation.ambiguity_candidates import nearest
 from plumbline.positioning.gather import mask_rad_of, select_rows
 from plumbline.positioning.rtk_arcs import update_arcs
-from plumbline.positioning.rtk_filter import accumulate, estimate, snoop
+from plumbline.positioning.rtk_changes import NO_CHANGE_TEST
+from plumbline.positioning.rtk_control import snoop
+from plumbline.positioning.rtk_filter import accumulate, estimate
 from plumbline.positioning.rtk_fix import references_of, sines_of_arcs
 from plumbline.positioning.rtk_model import Place, fill_model, place_of, satellites_of
 from plumbline.positioning.rtk_observations import single_difference_rows
@@ -86,9 +88,9 @@ def baseline_candidates(
     n_groups = int(rows["group"].max()) + 1
     use_code = snoop(
         rows["line"], rows["code_oc_m"], rows["code_weight"],
-        rows["group"].astype(np.int64), n_groups, _CODE_W_LIMIT, max(2, rows.size // 4),
-    )[2]  # fmt: skip
-    arcs, _, _, _ = update_arcs(RtkState(), rows, auxiliary.t_gps_ns, 0, n_groups)
+        rows["group"], n_groups, _CODE_W_LIMIT**2, max(2, rows.size // 4),
+    ).use  # fmt: skip
+    arcs = update_arcs(RtkState(), rows, auxiliary.t_gps_ns, 0, n_groups, NO_CHANGE_TEST).arcs
     information, right = np.zeros((N_CORE + arcs.size,) * 2), np.zeros(N_CORE + arcs.size)
     accumulate(information, right, rows, arcs, use_code, rows["arc"] >= 0, np.zeros(3), n_groups)
     references = references_of(rows, arcs, sines_of_arcs(rows, arcs.size))

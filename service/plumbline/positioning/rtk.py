@@ -14,9 +14,12 @@ from plumbline.config import RtkSettings, StationSettings
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.gather import mask_rad_of, pairs_of, point_of, select_rows
 from plumbline.positioning.reasons import cause_text
-from plumbline.positioning.rtk_arcs import REFUSED_LIMIT, keep_residuals, update_arcs
-from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position, snoop
-from plumbline.positioning.rtk_fix import Fix, fix, held_residuals
+from plumbline.positioning.rtk_arcs import REFUSED_LIMIT, Tracked, keep_residuals, update_arcs
+from plumbline.positioning.rtk_changes import ChangeTest
+from plumbline.positioning.rtk_control import Limits, limits_of, snoop
+from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position
+from plumbline.positioning.rtk_fix import Fix, fix
+from plumbline.positioning.rtk_judged import Judged
 from plumbline.positioning.rtk_model import fill_model, place_of, satellites_of
 from plumbline.positioning.rtk_observations import satellites_in, single_difference_rows
 from plumbline.positioning.rtk_solution import RtkDiagnostics, relative_solution
@@ -25,21 +28,21 @@ from plumbline.positioning.rtk_state import initial_state as initial_state  # no
 from plumbline.positioning.satellites import Cause, SatelliteSource
 from plumbline.positioning.solutions import no_position
 from plumbline.positioning.state import Records, no_arcs
-from plumbline.records import Booleans, Epoch, Floats, Ints, Solution, Status
+from plumbline.records import Booleans, Epoch, Floats, Solution, Status
 
 __all__ = ["RtkDiagnostics", "initial_state", "single_point_of", "step"]
 
 _NS: Final = 1_000_000_000
 _MIN_SATELLITES: Final = 4
-_CODE_W_LIMIT: Final = 4.0
 _FAR_M: Final = 100.0  # a position further from the approximate one is computed again from there
 _RESTART_GAP_S: Final = 30.0  # a kinematic antenna may be anywhere after this
 _ADOPT_AFTER_NS: Final = 5 * _NS  # a base that has not told its position by then gets a single-point one …
 _TRUST_AFTER_NS: Final = 65 * _NS  # … which is its position from then on: 1005/1006 come once a minute at least
 _DOUBTS_LIMIT: Final = 3  # epochs in a row that speak against the integers held, and they are let go
-_DOUBTFUL_VARIANCE: Final = 9.0  # of the held phases' residuals, in units of their own
 _VERIFY_EVERY_NS: Final = 10 * _NS
 _YOUNG_EPOCHS: Final = 10  # newly held integers are compared with a free search at every one of these
+_SIZE_MEMORY: Final = 20  # epochs of how large changes usually are
+_STANDS_M: Final = 1e-6  # an approximate position no further from the last one is the last one
 
 _Result = tuple[RtkState, Solution, RtkDiagnostics | None]
 
@@ -65,6 +68,11 @@ class _Inputs:
     def rtk(self) -> RtkSettings:
         """Settings of relative positioning."""
         return self.settings.rtk
+
+    @property
+    def limits(self) -> Limits:
+        """Critical values of the tests."""
+        return limits_of(self.settings.positioning)
 
     @property
     def max_gap_ns(self) -> int:
@@ -176,7 +184,7 @@ def _relative(state: RtkState, inputs: _Inputs, rows: Records) -> _Result:
     for _ in range(2):
         place = place_of(approximate, rover.t_gps_ns)
         fill_model(rows, states, base_states, index, place, base_place, mask_rad, inputs.age_s, inputs.rtk)
-        use_code, moved, n_usable = _test_codes(rows)
+        use_code, moved, n_usable = _test_codes(rows, inputs.limits)
         if moved is None or np.linalg.norm(moved) < _FAR_M:
             break
         approximate = approximate + moved
@@ -200,25 +208,29 @@ def _why_no_states(rows: Records, inputs: _Inputs) -> str:
     return cause_text(Cause(int(causes[np.argmax(counts)])), f"{bad.size} of {satellite.size} satellites")
 
 
-def _test_codes(rows: Records) -> tuple[Booleans, Floats | None, int]:
+def _test_codes(rows: Records, limits: Limits) -> tuple[Booleans, Floats | None, int]:
     """Which codes agree, the position correction that they ask for (None: undetermined), satellites usable."""
-    n_groups = int(rows["group"].max()) + 1
-    b, _, use, _, _, _, regular = snoop(
-        rows["line"], rows["code_oc_m"], rows["code_weight"], rows["group"].astype(np.int64), n_groups,
-        _CODE_W_LIMIT, max(2, rows.size // 4),
+    found = snoop(
+        rows["line"], rows["code_oc_m"], rows["code_weight"], rows["group"], int(rows["group"].max()) + 1, limits.row,
+        max(2, rows.size // 4),
     )  # fmt: skip
-    return use, b if regular else None, satellites_in(rows, True, False)[0].size
+    return found.use, found.b_m if found.regular else None, satellites_in(rows, True, False)[0].size
 
 
 def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans, approximate: Floats) -> _Result:
-    """Bring arcs and filter to the epoch, resolve, and answer."""
+    """Bring arcs and filter to the epoch, test, resolve, and answer."""
     t_ns, n_groups = inputs.rover.t_gps_ns, int(rows["group"].max()) + 1
-    arcs, previous, slips, motion = update_arcs(state, rows, t_ns, inputs.max_gap_ns, n_groups)
-    information, right = _predicted(state, previous, t_ns, inputs.rtk)
-    use_phase, doubt = _test_held(rows, arcs, n_groups)
+    test = _change_test(state, inputs, approximate)
+    tracked = update_arcs(state, rows, t_ns, inputs.max_gap_ns, n_groups, test)
+    arcs = tracked.arcs
+    information, right = _predicted(state, tracked, t_ns, inputs.rtk)
+    judged = Judged.of(rows, tracked, use_code)
+    doubt = judged.test_held(rows, arcs, n_groups, inputs.limits)
     static = inputs.rtk.position_noise_m_sqrt_s is not None and state.t_gps_ns is not None
     origin = state.origin_ecef_m if static else approximate
-    accumulate(information, right, rows, arcs, use_code, use_phase, approximate - origin, n_groups)
+    accumulate(
+        information, right, rows, arcs, judged.use_code, judged.use_phase, approximate - origin, n_groups
+    )  # fmt: skip
     doubts = state.doubts_in_a_row + 1 if doubt else 0
     let_go = doubts >= _DOUBTS_LIMIT
     if let_go or inputs.rtk.integers != "continuous" or not inputs.rtk.hold:
@@ -232,19 +244,43 @@ def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans,
     if let_go:  # whatever led to them is not to be believed either: begin anew with the next epoch
         arcs["refused"] = REFUSED_LIMIT
     position = origin + result.position_m
-    keep_residuals(rows, arcs, position - approximate)
+    keep_residuals(rows, arcs, position - approximate, tracked.codes)
     let_go = let_go or contradicted
     new = replace(
-        state, t_gps_ns=t_ns, origin_ecef_m=origin, position_ecef_m=position, information=information, right=right,
-        arcs=arcs, fixed_in_a_row=state.fixed_in_a_row + 1 if result.fixed and not let_go else 0,
+        _sized(state, tracked), t_gps_ns=t_ns, origin_ecef_m=origin, position_ecef_m=position,
+        information=information, right=right, arcs=arcs,
+        fixed_in_a_row=state.fixed_in_a_row + 1 if result.fixed and not let_go else 0,
         doubts_in_a_row=0 if let_go else doubts, t_verified_ns=t_ns if verify else state.t_verified_ns,
     )  # fmt: skip
     diagnostics = RtkDiagnostics(
-        rows, arcs, use_code, use_phase, approximate, inputs.base_position_ecef_m, inputs.age_s, result.fixed,
-        origin + result.float_position_m, result.ratio, result.success_rate, result.n_ambiguities, result.n_fixed,
-        slips, motion[0] if motion else None, let_go,
+        rows, arcs, judged.use_code, judged.use_phase, approximate, inputs.base_position_ecef_m, inputs.age_s,
+        result.fixed, origin + result.float_position_m, result.ratio, result.success_rate, result.n_ambiguities,
+        result.n_fixed, judged.slips, tracked.motion[0] if tracked.motion else None, let_go, judged,
     )  # fmt: skip
     return _answer(state, new, inputs, result, diagnostics)
+
+
+def _change_test(state: RtkState, inputs: _Inputs, approximate: Floats) -> ChangeTest:
+    """How this epoch's changes are tested; an antenna stands where it is thought to, unless begun again elsewhere."""
+    limits, noise, variance = inputs.limits, inputs.rtk.position_noise_m_sqrt_s, 0.0
+    if state.t_gps_ns is not None and noise is not None:
+        same_place = bool(np.linalg.norm(approximate - state.position_ecef_m) < _STANDS_M)
+        variance = noise * noise * (inputs.rover.t_gps_ns - state.t_gps_ns) / _NS if same_place else 0.0
+    return ChangeTest(limits.row, limits.motion, state.phase_size, state.code_size, variance)
+
+
+def _sized(state: RtkState, tracked: Tracked) -> RtkState:
+    """The state with what this epoch says of how large changes usually are."""
+    if np.isnan(tracked.phases.usual):
+        return state
+    count = min(state.sizes_count + 1, _SIZE_MEMORY)
+    code = state.code_size if np.isnan(tracked.codes.usual) else tracked.codes.usual
+    return replace(
+        state,
+        phase_size=state.phase_size + (tracked.phases.usual - state.phase_size) / count,
+        code_size=state.code_size + (code - state.code_size) / count,
+        sizes_count=count,
+    )
 
 
 def _answer(old: RtkState, new: RtkState, inputs: _Inputs, result: Fix, diagnostics: RtkDiagnostics) -> _Result:
@@ -261,27 +297,11 @@ def _answer(old: RtkState, new: RtkState, inputs: _Inputs, result: Fix, diagnost
     return new, solution, diagnostics
 
 
-def _predicted(state: RtkState, previous: Ints, t_gps_ns: int, rtk: RtkSettings) -> tuple[Floats, Floats]:
+def _predicted(state: RtkState, tracked: Tracked, t_gps_ns: int, rtk: RtkSettings) -> tuple[Floats, Floats]:
     """The filter's information brought to an epoch: ambiguities come and go and fade, the position moves."""
-    information, right = carry_over(state.information.copy(), state.right.copy(), previous)
+    information, right = carry_over(state.information.copy(), state.right.copy(), tracked.previous)
     dt_s = 0.0 if state.t_gps_ns is None else (t_gps_ns - state.t_gps_ns) / _NS
     noise = rtk.position_noise_m_sqrt_s
-    move_position(information, right, np.inf if noise is None else noise * noise * dt_s)
+    move_position(information, right, np.inf if noise is None or tracked.moved else noise * noise * dt_s)
     fade = np.exp(-dt_s / rtk.ambiguity_memory_s)
     return information * fade, right * fade
-
-
-def _test_held(rows: Records, arcs: Records, n_groups: int) -> tuple[Booleans, bool]:
-    """Phases that may be used (n,), and whether those held contradict each other; refusals are counted in the arcs."""
-    use_phase: Booleans = rows["arc"] >= 0
-    if not arcs["held"].any():
-        return use_phase, False
-    use, tested, squares, redundancy, regular = held_residuals(rows, arcs, n_groups)
-    if not regular or redundancy < 1.0:
-        return use_phase, False
-    bad = tested & ~use
-    arcs["refused"][rows["arc"][tested & use]] = 0
-    arcs["refused"][rows["arc"][bad]] += 1
-    use_phase = use_phase & ~bad
-    many = 4 * np.count_nonzero(bad) > np.count_nonzero(tested)
-    return use_phase, bool(many or squares > redundancy * _DOUBTFUL_VARIANCE)

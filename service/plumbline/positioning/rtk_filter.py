@@ -1,4 +1,4 @@
-"""The filter of relative positioning in information form, and the test that its observations pass first.
+"""The filter of relative positioning in information form.
 
 Model of a single difference of group g (``b`` baseline correction, ``c`` a clock for each group and kind and epoch)::
 
@@ -38,7 +38,7 @@ def solve3(normal: Floats) -> tuple[Floats, bool]:
 
 
 @njit(cache=True)
-def _group_means(line, v, weight, group, n_groups, use):  # type: ignore[no-untyped-def]
+def group_means(line, v, weight, group, n_groups, use):  # type: ignore[no-untyped-def]
     """Weighted means (groups, 4) of lines and values, and sums of weights (groups,)."""
     mean, total = np.zeros((n_groups, 4)), np.zeros(n_groups)
     for i in range(v.size):
@@ -53,69 +53,6 @@ def _group_means(line, v, weight, group, n_groups, use):  # type: ignore[no-unty
             for k in range(4):
                 mean[g, k] /= total[g]
     return mean, total
-
-
-@njit(cache=True)
-def _fit(line, v, weight, group, n_groups, use):  # type: ignore[no-untyped-def]
-    """Least squares over b and a clock a group: (b, covariance, residuals, leverages, regular)."""
-    mean, total = _group_means(line, v, weight, group, n_groups, use)
-    normal, right, d = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    residual, leverage = np.zeros(v.size), np.ones(v.size)
-    for i in range(v.size):
-        if use[i]:
-            for k in range(3):
-                d[k] = -line[i, k] - mean[group[i], k]
-            for k in range(3):
-                right[k] += weight[i] * d[k] * (v[i] - mean[group[i], 3])
-                for j in range(3):
-                    normal[k, j] += weight[i] * d[k] * d[j]
-    covariance, regular = solve3(normal)
-    b = np.zeros(3)
-    if not regular:
-        return b, covariance, residual, leverage, False
-    for k in range(3):
-        b[k] = covariance[k, 0] * right[0] + covariance[k, 1] * right[1] + covariance[k, 2] * right[2]
-    for i in range(v.size):
-        if use[i]:
-            g = group[i]
-            spread, along = 0.0, 0.0
-            for k in range(3):
-                d[k] = -line[i, k] - mean[g, k]
-                along += d[k] * b[k]
-            for k in range(3):
-                for j in range(3):
-                    spread += d[k] * covariance[k, j] * d[j]
-            residual[i] = v[i] - mean[g, 3] - along
-            leverage[i] = weight[i] * (1.0 / total[g] + spread)
-    return b, covariance, residual, leverage, True
-
-
-@njit(cache=True)
-def snoop(line, v, weight, group, n_groups, limit, max_out):  # type: ignore[no-untyped-def]
-    """Fit b (3,) and a clock a group; leave out what does not agree, one by one (Baarda's data snooping).
-
-    ``line`` (n, 3), ``v`` (n,), ``weight`` (n,) 1/σ² (0: not used), ``group`` (n,); ``limit`` of the w-statistic.
-    Returns (b, covariance, use (n,), residuals (n,), weighted sum of squares, redundancy, regular).
-    """
-    use = weight > 0.0
-    out = 0
-    while True:
-        b, covariance, residual, leverage, regular = _fit(line, v, weight, group, n_groups, use)
-        worst, largest, squares, redundancy = -1, limit, 0.0, 0.0
-        if regular:
-            for i in range(v.size):
-                if use[i]:
-                    squares += weight[i] * residual[i] * residual[i]
-                    free = 1.0 - leverage[i]
-                    redundancy += free
-                    if free > 1e-3:
-                        w = abs(residual[i]) * np.sqrt(weight[i] / free)
-                        if w > largest:
-                            worst, largest = i, w
-        if worst < 0 or out == max_out:
-            return b, covariance, use, residual, squares, redundancy, regular
-        use[worst] = False
-        out += 1
 
 
 # ------------------------------------------------------------------------------------------- information
@@ -238,7 +175,7 @@ def accumulate(
 @njit(cache=True)
 def _add(information, right, rows, line, v, w, group, n_groups, with_ambiguities):  # type: ignore[no-untyped-def]
     """Add one kind of observation, its group clocks eliminated."""
-    mean, total = _group_means(line, v, w, group, n_groups, w > 0.0)
+    mean, total = group_means(line, v, w, group, n_groups, w > 0.0)
     d = np.zeros(3)
     for i in range(v.size):
         if w[i] == 0.0:

@@ -14,7 +14,7 @@ from numba import njit
 
 from plumbline.config import RtkSettings
 from plumbline.estimation.ambiguity import resolve
-from plumbline.positioning.rtk_filter import estimate, snoop
+from plumbline.positioning.rtk_filter import estimate
 from plumbline.positioning.rtk_state import N_CORE, POSITION
 from plumbline.positioning.state import Records
 from plumbline.records import Booleans, Floats, Ints
@@ -22,7 +22,6 @@ from plumbline.records import Booleans, Floats, Ints
 _MIN_AMBIGUITIES: Final = 4  # double differences; fewer leave the position undetermined
 _SINE_STEPS: Final = (0.0, 0.26, 0.42, 0.57)  # of 0°, 15°, 25°, 35°: where not all can be resolved, the higher ones
 _FIXED_SIGMA_M: Final = 0.10  # three-dimensional: relations that leave more do not make a fixed position
-_W_LIMIT: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,24 +74,6 @@ def sines_of_arcs(rows: Records, n_arcs: int) -> Floats:
         if row.arc >= 0:
             sine[row.arc] = row.sine
     return sine
-
-
-@njit(cache=True)
-def held_residuals(rows, arcs, n_groups):  # type: ignore[no-untyped-def]
-    """Test the phases of held integers against each other: (use, tested, sum of squares, redundancy, regular)."""
-    n = rows.size
-    v, w, line, group = np.zeros(n), np.zeros(n), np.zeros((n, 3)), np.zeros(n, np.int64)
-    for i in range(n):
-        row = rows[i]
-        group[i] = row.group
-        for k in range(3):
-            line[i, k] = row.line[k]
-        if row.arc >= 0 and arcs[row.arc].held:
-            cycles = arcs[row.arc].offset_cycles + arcs[row.arc].value
-            v[i] = row.phase_oc_m - row.wavelength_m * cycles
-            w[i] = row.phase_weight
-    _, _, use, _, squares, redundancy, regular = snoop(line, v, w, group, n_groups, _W_LIMIT, n // 3)
-    return use, w > 0.0, squares, redundancy, regular
 
 
 @dataclass(frozen=True, slots=True)

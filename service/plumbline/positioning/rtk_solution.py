@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.positioning.facts import StationFacts, Vector3
-from plumbline.positioning.rtk_filter import snoop
+from plumbline.positioning.rtk_control import snoop
 from plumbline.positioning.rtk_fix import Fix
+from plumbline.positioning.rtk_judged import Judged
 from plumbline.positioning.rtk_observations import satellites_in
 from plumbline.positioning.rtk_velocity import velocity_of
 from plumbline.positioning.solutions import covariance_enu_m2, displacement_enu_m, letters_of, rotation_at
@@ -35,6 +36,7 @@ class RtkDiagnostics:
     slips: int
     motion_ecef_m: Floats | None  # (3,) since the epoch before, from the phases' changes alone
     let_go: bool  # the integers held were given up
+    judged: Judged  # what the tests say of each row
 
 
 def relative_solution(
@@ -68,13 +70,14 @@ def relative_solution(
 
 def _extras(baseline_enu_m: Floats, diagnostics: RtkDiagnostics) -> dict[str, float]:
     refused = ~diagnostics.use_code & (diagnostics.rows["code_weight"] > 0.0)
+    refused_phases = ~diagnostics.use_phase & (diagnostics.rows["arc"] >= 0)
     return {
         "ratio": diagnostics.ratio,
         "success_rate": diagnostics.success_rate,
         "ambiguities": float(diagnostics.n_ambiguities),
         "fixed_ambiguities": float(diagnostics.n_fixed),
         "slips": float(diagnostics.slips),
-        "rejected_observations": float(np.count_nonzero(refused)),
+        "rejected_observations": float(np.count_nonzero(refused) + np.count_nonzero(refused_phases)),
         "baseline_e_m": float(baseline_enu_m[0]),
         "baseline_n_m": float(baseline_enu_m[1]),
         "baseline_u_m": float(baseline_enu_m[2]),
@@ -84,7 +87,5 @@ def _extras(baseline_enu_m: Floats, diagnostics: RtkDiagnostics) -> dict[str, fl
 def _pdop(line: Floats, system: Ints) -> float | None:
     """Position dilution of precision of the satellites, one clock a system and equal weights."""
     n = system.size
-    _, covariance, _, _, _, _, regular = snoop(
-        line, np.zeros(n), np.ones(n), system.astype(np.int64), len(System), np.inf, 0
-    )
-    return float(np.sqrt(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])) if regular else None
+    found = snoop(line, np.zeros(n), np.ones(n), system, len(System), np.inf, 0)
+    return float(np.sqrt(np.trace(found.covariance_m2))) if found.regular else None

@@ -29,13 +29,20 @@ RTK_ARC_DTYPE: Final = np.dtype(
         ("held", np.bool_),  # resolved, relative to the other held ones of its group
         ("value", np.int64),  # the integer held, cycles
         ("count", np.int64),  # epochs since it began
-        ("refused", np.int64),  # epochs in a row in which its phase did not fit
+        ("refused", np.int64),  # epochs in a row in which its phase did not fit the integers held
+        ("off", np.int64),  # epochs in a row in which its phase was elsewhere than its change should have brought it
+        ("off_m", np.float64),  # and how far
         ("t_first_ns", np.int64),
         ("t_last_ns", np.int64),
         ("lock_time_s", np.float64),
         ("base_lock_time_s", np.float64),
         ("offset_cycles", np.float64),  # whole cycles taken off the phase so that ambiguities stay small
-        ("residual_m", np.float64),  # phase, observed minus computed at the position solved at t_last
+        ("residual_m", np.float64),  # phase, observed minus computed at the position solved at t_last, less off_m
+        ("code_residual_m", np.float64),  # of the code, the same; NaN: none
+        ("code_off", np.int64),
+        ("code_off_m", np.float64),
+        ("code_square", np.float64),  # mean square of the code's changes, in units of their nominal variance
+        ("code_count", np.int64),  # changes that it is the mean of
     ],
     align=True,
 )
@@ -61,6 +68,9 @@ class RtkState:
     arcs: Records = field(default_factory=no_rtk_arcs)
     fixed_in_a_row: int = 0  # epochs whose integers agreed
     doubts_in_a_row: int = 0  # epochs that spoke against the integers held
+    phase_size: float = 1.0  # how large the phases' changes usually are, in units of their nominal sigma
+    code_size: float = 1.0  # the same of the codes'
+    sizes_count: int = 4  # epochs that they are the mean of; the nominal sizes count for four
     t_verified_ns: int = 0  # when the integers held were last compared with a free search
     reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
 

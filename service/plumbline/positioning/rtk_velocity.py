@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from plumbline.positioning.rtk_filter import snoop
+from plumbline.positioning.rtk_control import snoop
 from plumbline.positioning.state import Records
 from plumbline.records import Floats
 
@@ -24,8 +24,8 @@ def velocity_of(rows: Records) -> Floats | None:
     if np.count_nonzero(weight) < _MIN_ROWS:
         return None
     one_clock = np.zeros(rows.size, np.int64)
-    v, _, _, _, _, redundancy, regular = snoop(
-        rows["line"], rows["range_rate_oc_m_s"], weight, one_clock, 1, _W_LIMIT, rows.size // 4
-    )
-    velocity: Floats = v
-    return velocity if regular and redundancy > 0.5 else None
+    found = snoop(
+        rows["line"], rows["range_rate_oc_m_s"], weight, one_clock, 1, _W_LIMIT**2, rows.size // 4
+    )  # fmt: skip
+    velocity: Floats = found.b_m
+    return velocity if found.regular and found.degrees_of_freedom >= 1.0 else None

@@ -3,16 +3,8 @@
 import numpy as np
 import pytest
 
-from plumbline.positioning.rtk_filter import (
-    accumulate,
-    carry_over,
-    eliminate,
-    estimate,
-    invert,
-    move_position,
-    snoop,
-    solve3,
-)
+from plumbline.positioning.rtk_control import snoop
+from plumbline.positioning.rtk_filter import accumulate, carry_over, eliminate, estimate, invert, move_position, solve3
 from plumbline.positioning.rtk_observations import ROW_DTYPE
 from plumbline.positioning.rtk_state import N_CORE, RTK_ARC_DTYPE
 
@@ -136,13 +128,12 @@ def test_snooping_finds_what_was_spoilt() -> None:
     sigma = 1.0 / np.sqrt(rows["phase_weight"])
     v = -rows["line"] @ truth + 30.0 * rows["group"] + sigma * rng.normal(size=len(rows))
     v[[3, 11]] += 0.2
-    b, covariance, use, residual, squares, redundancy, regular = snoop(
-        rows["line"], v, rows["phase_weight"], rows["group"].astype(np.int64), 2, 4.0, 5
-    )
-    assert regular
-    assert np.flatnonzero(~use).tolist() == [3, 11]
-    assert redundancy == pytest.approx(13 - 3 - 2)
-    assert squares == pytest.approx(float(np.sum(rows["phase_weight"] * residual**2)))
-    assert squares < 30.0
-    error = b - truth
-    assert error @ np.linalg.solve(covariance, error) < 20.0
+    found = snoop(rows["line"], v, rows["phase_weight"], rows["group"], 2, 16.0, 5)
+    assert found.regular
+    assert np.flatnonzero(~found.use).tolist() == [3, 11]
+    assert found.degrees_of_freedom == 13 - 3 - 2
+    assert found.squares == pytest.approx(float(np.sum((rows["phase_weight"] * found.residual_m**2)[found.use])))
+    assert found.squares < 30.0
+    np.testing.assert_allclose(found.residual_m[[3, 11]], 0.2, atol=0.06)  # as the others predict them
+    error = found.b_m - truth
+    assert error @ np.linalg.solve(found.covariance_m2, error) < 20.0
