@@ -115,6 +115,9 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ar", choices=("off",), default="off", help="of PPP: float alone")
     parser.add_argument("--quality-log", type=Path, metavar="FILE", help="JSON lines: tests and observations an epoch")
     parser.add_argument("--quality-control", choices=("on", "off"), default="on", help="off: leave nothing out")
+    parser.add_argument("--test-significance", type=float, metavar="A", help="of the global test (default 0.05)")
+    parser.add_argument("--test-power", type=float, metavar="G", help="minimal detectable biases' (default 0.80)")
+    parser.add_argument("--w-test-significance", type=float, metavar="A", help="of an observation's (default 0.001)")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="CSV to write")
     add_imu_options(parser)
     parser.set_defaults(run=_process, motion=AntennaMotion.KINEMATIC)
@@ -185,6 +188,7 @@ def _process(options: argparse.Namespace) -> int:
     settings = offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
         options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
+        _levels(options),
     )  # fmt: skip
     request = offline.ProcessRequest(
         settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
@@ -201,6 +205,11 @@ def _process(options: argparse.Namespace) -> int:
     return 0
 
 
+def _levels(options: argparse.Namespace) -> dict[str, float | None]:
+    """Significance and power of the tests, as far as they are given."""
+    return {name: getattr(options, name) for name in ("test_significance", "test_power", "w_test_significance")}
+
+
 def _process_imu(options: argparse.Namespace) -> int:
     from plumbline import offline, offline_imu
 
@@ -213,6 +222,7 @@ def _process_imu(options: argparse.Namespace) -> int:
     settings = offline.settings_of(
         Mode.RTK, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
         options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
+        _levels(options),
     )  # fmt: skip
     rovers = [*options.obs, *options.rover, options.rover2, options.rover3, options.rover4]
     request = offline_imu.ImuRequest(

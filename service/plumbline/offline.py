@@ -362,6 +362,7 @@ def settings_of(
     antex: Path | None = None,
     rtk: Mapping[str, object] | None = None,
     quality_control: str = "on",
+    levels: Mapping[str, float | None] | None = None,
 ) -> StationSettings:
     """Station settings from the command line's words."""
     return StationSettings.model_validate(
@@ -377,6 +378,7 @@ def settings_of(
                 "motion": motion,
                 "ambiguity_resolution": ambiguity_resolution,
                 "quality_control": quality_control,
+                **{name: value for name, value in (levels or {}).items() if value is not None},
             },
             "rtk": dict(rtk or {}),
             "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},

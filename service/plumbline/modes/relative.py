@@ -15,7 +15,8 @@ from plumbline.positioning import rtk, rtk_network
 from plumbline.positioning.facts import Vector3
 from plumbline.positioning.rtk_base import base_view, due_until_ns, network_due_until_ns, network_views
 from plumbline.positioning.rtk_state import RtkState
-from plumbline.records import Epoch, InertialBlock, Solution
+from plumbline.quality.relative_report import relative_report
+from plumbline.records import Epoch, InertialBlock, QualityReport, Solution
 
 
 @dataclass(slots=True)
@@ -59,20 +60,22 @@ class RelativeProcessor:
             if as_of_ns is None:
                 break
             self.state.waiting = self.state.waiting[1:]
-            outcomes += self._moved(self._positioned(epoch, as_of_ns))
+            solution, report = self._positioned(epoch, as_of_ns)
+            outcomes += [*self._moved(solution), *([] if report is None else [report])]
         return outcomes
 
-    def _positioned(self, epoch: Epoch, as_of_ns: int) -> Solution:
-        """Position against a base, or several, as known at a receive time."""
+    def _positioned(self, epoch: Epoch, as_of_ns: int) -> tuple[Solution, QualityReport | None]:
+        """Position against a base, or several, as known at a receive time; and what it is worth."""
         context, state, settings = self._context, self.state, self._context.settings
         facts, bases = context.facts_at(epoch), context.books.bases
         if self._network:
             views = network_views(bases, epoch.t_gps_ns, as_of_ns, settings.rtk)
             state.network, solution = rtk_network.step(state.network, epoch, views, context.source, settings, facts)
-            return solution
+            return solution, None
         base = base_view(bases, epoch.t_gps_ns, as_of_ns, settings.rtk)
-        state.relative, solution, _ = rtk.step(state.relative, epoch, base, context.source, settings, facts)
-        return solution
+        state.relative, solution, seen = rtk.step(state.relative, epoch, base, context.source, settings, facts)
+        report = None if seen is None else relative_report(solution, state.relative, seen, settings)
+        return solution, report
 
     def _moved(self, solution: Solution) -> list[Outcome]:
         settings, adopted = self._context.settings, self._reference()

@@ -11,12 +11,13 @@ from typing import Final
 import numpy as np
 
 from plumbline.config import RtkSettings, StationSettings
+from plumbline.estimation.dia_window import add_epoch
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.gather import mask_rad_of, pairs_of, point_of, select_rows
 from plumbline.positioning.reasons import cause_text
 from plumbline.positioning.rtk_arcs import REFUSED_LIMIT, Tracked, keep_residuals, update_arcs
 from plumbline.positioning.rtk_changes import ChangeTest
-from plumbline.positioning.rtk_control import Limits, limits_of, snoop
+from plumbline.positioning.rtk_control import Adjusted, Limits, limits_of, snoop
 from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position
 from plumbline.positioning.rtk_fix import Fix, fix
 from plumbline.positioning.rtk_judged import Judged
@@ -28,7 +29,7 @@ from plumbline.positioning.rtk_state import initial_state as initial_state  # no
 from plumbline.positioning.satellites import Cause, SatelliteSource
 from plumbline.positioning.solutions import no_position
 from plumbline.positioning.state import Records, no_arcs
-from plumbline.records import Booleans, Epoch, Floats, Solution, Status
+from plumbline.records import Epoch, Floats, Solution, Status
 
 __all__ = ["RtkDiagnostics", "initial_state", "single_point_of", "step"]
 
@@ -42,6 +43,10 @@ _DOUBTS_LIMIT: Final = 3  # epochs in a row that speak against the integers held
 _VERIFY_EVERY_NS: Final = 10 * _NS
 _YOUNG_EPOCHS: Final = 10  # newly held integers are compared with a free search at every one of these
 _SIZE_MEMORY: Final = 20  # epochs of how large changes usually are
+_VARIANCE_MEMORY: Final = 500  # epochs of the variance factor …
+_VARIANCE_PRIOR: Final = 10  # … and those that the nominal one counts for
+_LARGEST_RATIO: Final = 4.0  # what an epoch's variance factor counts for at most, in usual ones
+_WINDOW_MEMORY: Final = 0.95  # the window's: 20 epochs
 _STANDS_M: Final = 1e-6  # an approximate position no further from the last one is the last one
 
 _Result = tuple[RtkState, Solution, RtkDiagnostics | None]
@@ -180,20 +185,20 @@ def _relative(state: RtkState, inputs: _Inputs, rows: Records) -> _Result:
     states, base_states, index = satellites_of(rows, rover, inputs.base, inputs.source)
     base_place = place_of(inputs.base_position_ecef_m, rover.t_gps_ns)
     mask_rad = mask_rad_of(inputs.settings.positioning)
-    use_code, moved, n_usable = np.zeros(rows.size, np.bool_), None, 0
+    codes, moved, n_usable = None, None, 0
     for _ in range(2):
         place = place_of(approximate, rover.t_gps_ns)
         fill_model(rows, states, base_states, index, place, base_place, mask_rad, inputs.age_s, inputs.rtk)
-        use_code, moved, n_usable = _test_codes(rows, inputs.limits)
+        codes, moved, n_usable = _test_codes(rows, inputs.limits)
         if moved is None or np.linalg.norm(moved) < _FAR_M:
             break
         approximate = approximate + moved
-    if n_usable < _MIN_SATELLITES or moved is None:
+    if codes is None or n_usable < _MIN_SATELLITES or moved is None:
         reason = f"{n_usable} usable satellites in common with base {inputs.base_name}, {_MIN_SATELLITES} needed"
         why = _why_no_states(rows, inputs)
         reason = f"{reason}; {why}" if why else reason
         return state, no_position(rover, facts, Status.TOO_FEW_SATELLITES, reason, n_usable), None
-    return _update(state, inputs, rows, use_code, approximate)
+    return _update(state, inputs, rows, codes, approximate)
 
 
 def _why_no_states(rows: Records, inputs: _Inputs) -> str:
@@ -208,23 +213,23 @@ def _why_no_states(rows: Records, inputs: _Inputs) -> str:
     return cause_text(Cause(int(causes[np.argmax(counts)])), f"{bad.size} of {satellite.size} satellites")
 
 
-def _test_codes(rows: Records, limits: Limits) -> tuple[Booleans, Floats | None, int]:
-    """Which codes agree, the position correction that they ask for (None: undetermined), satellites usable."""
+def _test_codes(rows: Records, limits: Limits) -> tuple[Adjusted, Floats | None, int]:
+    """The codes by themselves, the position correction that they ask for (None: undetermined), satellites usable."""
     found = snoop(
         rows["line"], rows["code_oc_m"], rows["code_weight"], rows["group"], int(rows["group"].max()) + 1, limits.row,
         max(2, rows.size // 4),
     )  # fmt: skip
-    return found.use, found.b_m if found.regular else None, satellites_in(rows, True, False)[0].size
+    return found, found.b_m if found.regular else None, satellites_in(rows, True, False)[0].size
 
 
-def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans, approximate: Floats) -> _Result:
+def _update(state: RtkState, inputs: _Inputs, rows: Records, codes: Adjusted, approximate: Floats) -> _Result:
     """Bring arcs and filter to the epoch, test, resolve, and answer."""
     t_ns, n_groups = inputs.rover.t_gps_ns, int(rows["group"].max()) + 1
     test = _change_test(state, inputs, approximate)
     tracked = update_arcs(state, rows, t_ns, inputs.max_gap_ns, n_groups, test)
     arcs = tracked.arcs
     information, right = _predicted(state, tracked, t_ns, inputs.rtk)
-    judged = Judged.of(rows, tracked, use_code)
+    judged = Judged.of(rows, tracked, codes)
     doubt = judged.test_held(rows, arcs, n_groups, inputs.limits)
     static = inputs.rtk.position_noise_m_sqrt_s is not None and state.t_gps_ns is not None
     origin = state.origin_ecef_m if static else approximate
@@ -247,7 +252,7 @@ def _update(state: RtkState, inputs: _Inputs, rows: Records, use_code: Booleans,
     keep_residuals(rows, arcs, position - approximate, tracked.codes)
     let_go = let_go or contradicted
     new = replace(
-        _sized(state, tracked), t_gps_ns=t_ns, origin_ecef_m=origin, position_ecef_m=position,
+        _with_usual(_sized(state, tracked), judged), t_gps_ns=t_ns, origin_ecef_m=origin, position_ecef_m=position,
         information=information, right=right, arcs=arcs,
         fixed_in_a_row=state.fixed_in_a_row + 1 if result.fixed and not let_go else 0,
         doubts_in_a_row=0 if let_go else doubts, t_verified_ns=t_ns if verify else state.t_verified_ns,
@@ -295,6 +300,21 @@ def _answer(old: RtkState, new: RtkState, inputs: _Inputs, result: Fix, diagnost
         new = replace(new, reference_position_ecef_m=(x, y, z))
         solution = replace(solution, displacement_enu_m=np.zeros(3))
     return new, solution, diagnostics
+
+
+def _with_usual(state: RtkState, judged: Judged) -> RtkState:
+    """The state with an epoch's statistics taken in, as in :mod:`plumbline.positioning.usual`."""
+    freedom = judged.degrees_of_freedom
+    if freedom < 1.0:
+        return state
+    usual, count = state.variance_factor, min(state.variance_count + 1, _VARIANCE_MEMORY)
+    now = min(judged.squares / freedom, _LARGEST_RATIO * usual)
+    return replace(
+        state,
+        window=add_epoch(state.window, judged.squares / usual, round(freedom), _WINDOW_MEMORY),
+        variance_factor=usual + (now - usual) / (count + _VARIANCE_PRIOR),
+        variance_count=count,
+    )
 
 
 def _predicted(state: RtkState, tracked: Tracked, t_gps_ns: int, rtk: RtkSettings) -> tuple[Floats, Floats]:

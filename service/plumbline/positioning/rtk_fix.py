@@ -61,9 +61,9 @@ def _references(rows: Records, arcs: Records, sine: Floats, respect_held: bool) 
     return chosen
 
 
-def references_of(rows: Records, arcs: Records, sine: Floats) -> Booleans:
-    """Arcs (k,) to take as their groups' datum (ambiguity zero) where nothing is held."""
-    return _references(rows, arcs, sine, False)  # type: ignore[no-any-return]
+def references_of(rows: Records, arcs: Records, sine: Floats, respect_held: bool = False) -> Booleans:
+    """Arcs (k,) to take as their groups' datum (ambiguity zero); ``respect_held``: of groups that hold none."""
+    return _references(rows, arcs, sine, respect_held)  # type: ignore[no-any-return]
 
 
 @njit(cache=True)

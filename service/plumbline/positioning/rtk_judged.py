@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from plumbline.positioning.rtk_arcs import Tracked
-from plumbline.positioning.rtk_control import Limits, test_rows
+from plumbline.positioning.rtk_control import Adjusted, Limits, test_rows
 from plumbline.positioning.state import Records
 from plumbline.records import Booleans, Floats, Verdict
 
@@ -31,11 +31,14 @@ class Judged:
     motion_m: Floats | None = None  # (3,) of an antenna that was thought to stand
     contradiction: bool = False
     held_doubted: bool = False
+    squares: float = 0.0  # of the adjustments of codes and of held phases, of what is used: χ² of …
+    degrees_of_freedom: float = 0.0
     slipped: NDArray[np.int16] = field(default_factory=lambda: np.zeros(0, np.int16))  # satellites
 
     @classmethod
-    def of(cls, rows: Records, tracked: Tracked, use_code: Booleans) -> Self:
-        """From the codes' own test and the changes since the epoch before."""
+    def of(cls, rows: Records, tracked: Tracked, codes: Adjusted) -> Self:
+        """From the codes' own adjustment and the changes since the epoch before."""
+        use_code = codes.use
         phase, code = tracked.phases.verdict, tracked.codes.verdict.copy()
         code[code == _SLIP] = _ACCEPTED  # believed at its new level
         code[(code == _ACCEPTED) & ~use_code & (rows["code_weight"] > 0.0)] = int(Verdict.OUTLIER)
@@ -43,14 +46,26 @@ class Judged:
         phase = np.where(slipped, _ACCEPTED, phase).astype(np.int8)  # with its new ambiguity
         return cls(
             code=code, phase=phase,
-            w_code=np.where(tracked.codes.verdict != _ACCEPTED, tracked.codes.w, 0.0),
+            w_code=np.where(code != _ACCEPTED, np.where(use_code, tracked.codes.w, codes.w), 0.0),
             w_phase=np.where(phase != _ACCEPTED, tracked.phases.w, 0.0),
             use_code=(code == _ACCEPTED) & (rows["code_weight"] > 0.0),
             use_phase=(phase == _ACCEPTED) & (rows["arc"] >= 0),
-            slips=int(np.count_nonzero(slipped)), taken_back=tracked.phases.taken_back + tracked.codes.taken_back,
+            slips=int(np.count_nonzero(slipped)), taken_back=tracked.phases.taken_back + tracked.codes.taken_back
+            + codes.taken_back,
             motion_m=tracked.motion[0] if tracked.motion is not None and tracked.moved else None,
-            contradiction=tracked.contradiction, slipped=rows["satellite"][slipped],
+            contradiction=tracked.contradiction, squares=codes.squares, degrees_of_freedom=codes.degrees_of_freedom,
+            slipped=rows["satellite"][slipped],
         )  # fmt: skip
+
+    @property
+    def left_out(self) -> int:
+        """Observations that failed a test."""
+        return int(np.count_nonzero(self.code) + np.count_nonzero(self.phase))
+
+    @property
+    def squares_left_out(self) -> float:
+        """What they had added to the sum of squares, as far as they do not share it."""
+        return float(np.sum(self.w_code**2) + np.sum(self.w_phase**2))
 
     def test_held(self, rows: Records, arcs: Records, n_groups: int, limits: Limits) -> bool:
         """Test the phases of held integers against each other; whether they contradict each other altogether.
@@ -69,6 +84,8 @@ class Judged:
         self.w_phase[bad] = found.w[bad]
         self.use_phase &= ~bad
         self.taken_back += int(found.taken_back)
+        self.squares += float(found.squares)
+        self.degrees_of_freedom += float(found.degrees_of_freedom)
         many = 4 * np.count_nonzero(bad) > np.count_nonzero(tested)
         self.held_doubted = bool(many or found.squares > found.degrees_of_freedom * _DOUBTFUL_VARIANCE)
         return self.held_doubted

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from plumbline.estimation.dia_window import Window
 from plumbline.positioning.state import Records
 from plumbline.records import Epoch, Floats
 
@@ -71,6 +72,9 @@ class RtkState:
     phase_size: float = 1.0  # how large the phases' changes usually are, in units of their nominal sigma
     code_size: float = 1.0  # the same of the codes'
     sizes_count: int = 4  # epochs that they are the mean of; the nominal sizes count for four
+    variance_factor: float = 1.0  # of the epochs' adjustments, as it usually is
+    variance_count: int = 0  # epochs that it is the mean of
+    window: Window = field(default_factory=Window)  # the tests over the last epochs
     t_verified_ns: int = 0  # when the integers held were last compared with a free search
     reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
 
