@@ -40,10 +40,14 @@ class Serving:
         self.wait_for(lambda: "serving: " in self.log, timeout_s)
         return self
 
-    def wait_for(self, done: Callable[[], bool], timeout_s: float = 60.0) -> None:
-        """Until something holds; fails with the log when the process ends or the time is over."""
-        deadline = time.monotonic() + timeout_s
+    def wait_for(
+        self, done: Callable[[], bool], timeout_s: float = 60.0, progress: Callable[[], object] = lambda: None
+    ) -> None:
+        """Until something holds; fails with the log when the process ends or nothing has moved for a time."""
+        deadline, before = time.monotonic() + timeout_s, progress()
         while not done():
+            if (now := progress()) != before:
+                deadline, before = time.monotonic() + timeout_s, now
             assert self.process.poll() is None, f"the server ended with {self.process.returncode}:\n{self.log[-4000:]}"
             assert time.monotonic() < deadline, f"waited in vain; the server's log:\n{self.log[-4000:]}"
             time.sleep(0.05)

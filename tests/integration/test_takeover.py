@@ -9,11 +9,13 @@ import functools
 import itertools
 import json
 import os
+import random
 import signal
 import sqlite3
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -25,7 +27,7 @@ from plumbline.records import Solution
 from plumbline.store import Store
 from plumbline.worker.replay import replay_archive
 
-pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(600)]
 
 CONFIG = """
 http_host = "127.0.0.1"
@@ -133,12 +135,24 @@ def row(solution: Solution) -> tuple[object, ...]:
 QUIET_S = 2.0  # the last epoch of a stream closes by its deadline
 
 
+def consumed(data_dir: Path) -> dict[str, int]:
+    """How far into their archived bytes the stored checkpoints of the stations are."""
+    archive = Archive(data_dir / "archive", writable=False)
+    with contextlib.closing(sqlite3.connect(data_dir / "plumbline.sqlite")) as connection:
+        rows = dict(connection.execute("SELECT station, consumed FROM checkpoints").fetchall())
+    return {station: json.loads(rows.get(station, "{}")).get(archive.archive_id, 0) for station in ("rover", "base")}
+
+
 def all_consumed(data_dir: Path) -> bool:
     """Whether the stored checkpoints of all stations have consumed all that is archived."""
     archive = Archive(data_dir / "archive", writable=False)
-    with contextlib.closing(sqlite3.connect(data_dir / "plumbline.sqlite")) as connection:
-        consumed = dict(connection.execute("SELECT station, consumed FROM checkpoints").fetchall())
-    return all(json.loads(consumed.get(s, "{}")).get(archive.archive_id) == archive.end(s) for s in ("rover", "base"))
+    return all(offset == archive.end(station) for station, offset in consumed(data_dir).items())
+
+
+def wait_until_all_consumed(server: Any) -> None:
+    """However busy the machine is, as long as it gets on."""
+    server.wait_for(lambda: all_consumed(server.data_dir), progress=lambda: consumed(server.data_dir))
+    time.sleep(QUIET_S)
 
 
 def ready(http: str) -> bool:
@@ -178,30 +192,71 @@ def test_killed_workers_leave_no_mark(serve: Callable, device: type, data_dir: P
         await sending
 
     asyncio.run(play())
-    server.wait_for(lambda: all_consumed(server.data_dir))
-    time.sleep(QUIET_S)
+    wait_until_all_consumed(server)
     assert server.stop() == 0, server.log
     assert server.log.count("ended with -9") == 3
     assert_equals_replay(server.data_dir, least_rows=2500)
 
 
-@pytest.mark.soak
-def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_dir: Path) -> None:
-    packets = recordings(data_dir)
-    server = serve(CONFIG.format(extra=""))
-    asyncio.run(send(device, server.ingest_port, packets, 0, 300))
+async def send_until_killed(device: type, port: int, packets: dict[str, list[bytes]], begin: int, end: int) -> int:
+    """Packets from ``begin`` on, as far as the server lives; the number of the next."""
+    devices = {name: device(port, f"{name}!".encode()) for name in packets}
+    i = begin
+    with contextlib.suppress(OSError):
+        for one in devices.values():
+            await one.__aenter__()
+        while i < end:
+            for name, one in devices.items():
+                await one.send(packets[name][i], packet=1 << 20, pause_s=0.0)
+            i += 1
+            await asyncio.sleep(0.01)
+    for one in devices.values():
+        with contextlib.suppress(OSError, AttributeError):
+            await one.__aexit__()
+    return i
+
+
+def kill_with_workers(server: Any) -> None:
+    """`kill -9` of the server; its workers leave by themselves."""
     workers = server.children()
     server.kill()
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 30
     while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers), "workers outlive their server"
+
+
+def kill_server_twice(serve: Callable, device: type, data_dir: Path, seed: int, n: int) -> None:
+    """A server is killed in the midst of traffic, and the next one too, which may still be catching up."""
+    choice = random.Random(seed)
+    packets = recordings(data_dir)
+
+    async def play(server: Any, begin: int, kill_after_s: float) -> int:
+        sending = asyncio.create_task(send_until_killed(device, server.ingest_port, packets, begin, n))
+        await asyncio.sleep(kill_after_s)
+        await asyncio.to_thread(kill_with_workers, server)
+        return await sending
+
+    reached = 0
+    for kill_after_s in (choice.uniform(3.0, 4.0), choice.choice((choice.uniform(0.0, 2.5), choice.uniform(2.5, 8.0)))):
+        server = serve(CONFIG.format(extra=""))
+        reached = asyncio.run(play(server, reached, kill_after_s))
     server = serve(CONFIG.format(extra=""))
-    asyncio.run(send(device, server.ingest_port, packets, 300, PACKETS))
-    server.wait_for(lambda: all_consumed(server.data_dir))
-    time.sleep(QUIET_S)
+    asyncio.run(send_until_killed(device, server.ingest_port, packets, reached, n))
+    wait_until_all_consumed(server)
     assert server.stop() == 0, server.log
-    assert_equals_replay(server.data_dir, least_rows=2500)
+    assert_equals_replay(server.data_dir, least_rows=n * 3)
+
+
+def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_dir: Path) -> None:
+    kill_server_twice(serve, device, data_dir, seed=0, n=150)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_killed_server_at_many_moments(serve: Callable, device: type, data_dir: Path, seed: int) -> None:
+    kill_server_twice(serve, device, data_dir, seed, n=150)
 
 
 def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, data_dir: Path) -> None:
@@ -211,8 +266,7 @@ def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, dat
         server.wait_for(functools.partial(ready, server.http))
         asyncio.run(send(device, server.ingest_port, packets, begin, end, pause_s=0.0))
         if end == PACKETS:
-            server.wait_for(functools.partial(all_consumed, server.data_dir))
-            time.sleep(QUIET_S)
+            wait_until_all_consumed(server)
         assert server.stop() == 0, server.log
         assert "Traceback" not in server.log, server.log
         assert_all_archived(server.data_dir, packets, end)
@@ -239,8 +293,7 @@ def test_killed_store_gets_what_it_missed(serve: Callable, device: type, data_di
         return again
 
     store = asyncio.run(play())
-    ingest.wait_for(lambda: all_consumed(ingest.data_dir))
-    time.sleep(QUIET_S)
+    wait_until_all_consumed(ingest)
     assert worker.stop() == 0, worker.log
     assert store.stop() == 0, store.log
     assert ingest.stop() == 0, ingest.log

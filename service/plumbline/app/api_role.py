@@ -5,7 +5,7 @@ import contextlib
 import logging
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import uvicorn
@@ -16,7 +16,7 @@ from prometheus_client.registry import Collector
 from plumbline.api import Feed, create_app
 from plumbline.app.store_role import station_configs
 from plumbline.bus import Bus, Inbox, Message, codec, keys
-from plumbline.bus.messages import StationConfig, decode_numbered, encode_configs
+from plumbline.bus.messages import StationConfig, decode_numbered, decode_report, encode_configs
 from plumbline.config import ServerSettings, StationSettings
 from plumbline.gps_time import gps_ns_from_unix_ns
 from plumbline.records import Threshold
@@ -25,16 +25,16 @@ from plumbline.store import Device, Store
 log = logging.getLogger(__name__)
 
 GRACE_S = 3  # for requests under way when the server stops
-METRICS_INTERVAL_S = 5.0
+REPORT_INTERVAL_S = 2.0
 
 
 class BusControl:
     """What the API's changes mean for the rest: :class:`plumbline.api.Control` over the bus."""
 
-    def __init__(self, store: Store, bus: Bus, failing: Callable[[], str]) -> None:
+    def __init__(self, store: Store, bus: Bus) -> None:
         self._store = store
         self._bus = bus
-        self._failing = failing
+        self.failing: dict[str, str] = {}  # parts that processes say do not work, and why
         self.alive: set[str] = set()  # keys of the liveliness tokens of all processes
 
     async def station_changed(self, station: str, settings: StationSettings | None) -> None:
@@ -62,14 +62,14 @@ class BusControl:
         return sorted(found.values(), key=lambda device: -device.last_seen_gps_ns)
 
     async def not_ready(self) -> Mapping[str, str]:
-        """Roles that nobody plays, and a database that takes nothing."""
+        """Roles that nobody plays, and what processes say does not work: a disk or a database that takes nothing."""
         roles = {"ingest": keys.ALIVE_INGEST, "worker": keys.ALIVE_WORKER, "store": keys.ALIVE_STORE}
         missing = {
             role: "no process of this role is alive"
             for role, prefix in roles.items()
             if not any(key.startswith(prefix) for key in self.alive)
         }
-        return missing | ({"database": self._failing()} if self._failing() else {})
+        return missing | self.failing
 
 
 class Counters(Collector):
@@ -99,19 +99,11 @@ class _WebServer(uvicorn.Server):
 class ApiRole:
     """The web server on the settings' host and port."""
 
-    def __init__(
-        self,
-        settings: ServerSettings,
-        store: Store,
-        bus: Bus,
-        failing: Callable[[], str] = str,
-        local_metrics: Mapping[str, Callable[[], Mapping[str, int]]] | None = None,
-    ) -> None:
+    def __init__(self, settings: ServerSettings, store: Store, bus: Bus) -> None:
         self._settings = settings
         self._store = store
         self._bus = bus
-        self._control = BusControl(store, bus, failing)
-        self._local_metrics = dict(local_metrics or {})
+        self._control = BusControl(store, bus)
         self._counters = Counters()
         self._told_ns: dict[str, int] = {}
         self.feed = Feed()
@@ -133,7 +125,7 @@ class ApiRole:
         self._web = _WebServer(config)
         create = asyncio.get_running_loop().create_task
         self._serving = create(self._web.serve(sockets=[sock]))
-        self._tasks = [create(self._feed_on()), create(self._gather_metrics())]
+        self._tasks = [create(self._feed_on()), create(self._gather_reports())]
 
     async def stop(self) -> None:
         """Finish what is under way, within a grace, and end."""
@@ -161,13 +153,14 @@ class ApiRole:
             self._told_ns[message.key] = output.t_receive_ns
             self.feed.publish(output)
 
-    async def _gather_metrics(self) -> None:
-        """Ask the workers for their counters now and then, so that a scrape waits for nobody."""
+    async def _gather_reports(self) -> None:
+        """Ask every process how it is now and then, so that a scrape or a probe waits for nobody."""
         while True:
-            workers = {}
-            for answer in await self._bus.query(f"{keys.QUERY_METRICS}/*", timeout_s=2.0):
-                values = codec.decode(answer)
-                workers[values.pop("worker")] = values
-            self._counters.told = {role: {"main": told()} for role, told in self._local_metrics.items()}
-            self._counters.told["worker"] = workers
-            await asyncio.sleep(METRICS_INTERVAL_S)
+            told: dict[str, dict[str, Mapping[str, int]]] = {}
+            failing: dict[str, str] = {}
+            for answer in await self._bus.query(f"{keys.QUERY_REPORT}/*", timeout_s=2.0):
+                report = decode_report(answer)
+                told.setdefault(report.role, {})[report.process] = report.counters
+                failing |= report.failing
+            self._counters.told, self._control.failing = told, failing
+            await asyncio.sleep(REPORT_INTERVAL_S)

@@ -6,10 +6,12 @@ import logging
 from collections import Counter
 from pathlib import Path
 
+from plumbline.app.archive_writer import ArchiveWriter
 from plumbline.archive import Archive
 from plumbline.bus import Bus, Inbox, Outbox, codec, keys
 from plumbline.bus.messages import (
     ArchiveReply,
+    Report,
     StationConfig,
     Tick,
     decode_configs,
@@ -20,6 +22,7 @@ from plumbline.bus.messages import (
 )
 from plumbline.config import ServerSettings
 from plumbline.ingest import ConnectionEvent, Directory, IngestServer, NtripClient, ReceiveClock
+from plumbline.records import Chunk
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +39,7 @@ class IngestRole:
         self._configs: dict[str, StationConfig] = {}
         self._cache = settings.data_dir / "stations.msgpack"
         self._tasks: list[asyncio.Task[None]] = []
+        self._refused = False  # something was not published, and nobody has been told
         self.counters: Counter[str] = Counter()
 
     async def start(self) -> None:
@@ -46,19 +50,21 @@ class IngestRole:
         self._clock = ReceiveClock(self._archive.last_receive_ns())
         self._generation = self._clock.now()
         self._outbox = Outbox(self._bus)
+        self._writer = ArchiveWriter(self._archive, self._clock, self._publish_chunk)
         self._inbox = Inbox()
         self._bus.subscribe(f"{keys.SETTINGS}/**", self._inbox)
         await self._learn_stations()
-        self.server = IngestServer(self._settings, self._directory(), self._sink, self._event, self._clock)
+        self.server = IngestServer(self._settings, self._directory(), self._writer.take, self._event, self._clock)
         archive_id = self._archive.archive_id
         self._bus.answer(keys.of(keys.QUERY_ARCHIVE, archive_id, "*"), self._answer_archive)
         self._bus.answer(keys.of(keys.QUERY_DEVICES, archive_id), self._answer_devices)
+        self._bus.answer(keys.of(keys.QUERY_REPORT, archive_id), self._answer_report)
         await self.server.start()
         self._bus.announce(keys.of(keys.ALIVE_INGEST, archive_id))
         create = asyncio.get_running_loop().create_task
         self._tasks = [create(self._tick()), create(self._sync()), create(self._follow_settings())]
         for source in self._settings.ntrip:
-            client = NtripClient(source, self._sink, self._ntrip_event, self._clock.now)
+            client = NtripClient(source, self._writer.take, self._ntrip_event, self._clock.now)
             self._tasks.append(create(client.run()))
 
     async def stop(self) -> None:
@@ -66,6 +72,7 @@ class IngestRole:
         for task in self._tasks:
             task.cancel()
         await self.server.stop()
+        self._writer.retry()
         self._publish_tick()
         await self._outbox.close()
         await asyncio.to_thread(self._archive.sync)
@@ -76,22 +83,16 @@ class IngestRole:
 
     # ----------------------------------------------------------------------------------------- bytes
 
-    def _sink(self, station: str, data: bytes) -> None:
-        try:
-            chunk = self._archive.append(station, self._clock.now(), data)
-        except OSError as error:
-            if not self.counters["archive_errors"]:
-                log.critical("the archive cannot be written, bytes of %s are lost: %s", station, error)
-            self.counters["archive_errors"] += 1
-            return
-        self.counters["chunks"] += 1
-        self.counters["bytes"] += len(data)
-        self._put(keys.of(keys.RAW, station), encode_chunk(chunk))
+    def _publish_chunk(self, chunk: Chunk) -> None:
+        self._put(keys.of(keys.RAW, chunk.station), encode_chunk(chunk))
 
     def _put(self, key: str, payload: bytes) -> None:
-        """Publish, or, while the bus is jammed, tell by a new generation that the archive has more."""
-        if not self._outbox.put(key, payload):
+        """Publish. What a jammed bus refuses is in the archive: a new generation says so, before anything later."""
+        if self._refused and not self._publish_tick():
             self.counters["not_published"] += 1
+        elif not self._outbox.put(key, payload):
+            self.counters["not_published"] += 1
+            self._refused = True
             self._generation = self._clock.now()
 
     def _event(self, event: ConnectionEvent) -> None:
@@ -105,12 +106,15 @@ class IngestRole:
     async def _tick(self) -> None:
         interval_s = max(self._settings.hold_back_s, LEAST_TICK_S)
         while True:
+            self._writer.retry()
             self._publish_tick()
             await asyncio.sleep(interval_s)
 
-    def _publish_tick(self) -> None:
-        archive_id = self._archive.archive_id
-        self._put(keys.of(keys.CLOCK, archive_id), encode_fields(Tick(archive_id, self._generation, self._clock.now())))
+    def _publish_tick(self) -> bool:
+        tick = Tick(self._archive.archive_id, self._generation, self._writer.complete_ns())
+        told = self._outbox.put(keys.of(keys.CLOCK, tick.archive), encode_fields(tick))
+        self._refused = self._refused and not told
+        return told
 
     async def _sync(self) -> None:
         while True:
@@ -124,12 +128,11 @@ class IngestRole:
     # ----------------------------------------------------------------------------------------- answers
 
     async def _answer_archive(self, key: str, payload: bytes) -> bytes | None:
-        """[offset or −1, receive time to begin at where there is no offset, about how many bytes]."""
+        """[receive time to begin at, about how many bytes]."""
         station = keys.last_part(key)
-        offset, from_ns, max_bytes = codec.decode(payload)
-        end, t_now_ns, generation = self._archive.end(station), self._clock.now(), self._generation
-        begin_ns = from_ns if offset < 0 else None
-        chunks = await asyncio.to_thread(self._archive.read, station, max(offset, 0), max_bytes, begin_ns)
+        from_ns, max_bytes = codec.decode(payload)
+        end, t_now_ns, generation = self._archive.end(station), self._writer.complete_ns(), self._generation
+        chunks = await asyncio.to_thread(self._archive.read, station, 0, max_bytes, from_ns)
         return encode_archive_reply(ArchiveReply(end, generation, t_now_ns, tuple(chunks)))
 
     async def _answer_devices(self, key: str, payload: bytes) -> bytes:
@@ -137,12 +140,15 @@ class IngestRole:
         callers = [[getattr(caller, name) for name in caller.__slots__] for caller in self.server.callers.listed()]
         return codec.encode({"callers": callers, "connected": self.server.connected()})
 
-    def metrics(self) -> dict[str, int]:
-        """Counters and gauges of ingest."""
+    async def _answer_report(self, key: str, payload: bytes) -> bytes:
+        failing = {"archive": self._writer.failing} if self._writer.failing else {}
+        return encode_fields(Report("ingest", self._archive.archive_id, self._metrics(), failing))
+
+    def _metrics(self) -> dict[str, int]:
         refusals = {f"refused_{reason}": n for reason, n in self.server.callers.refusals.items()}
         now = {"open_connections": self.server.n_connections, "connected_stations": len(self.server.connected())}
-        steps = {"clock_steps_back": self._clock.steps_back}
-        return dict(self.counters) | dict(self.server.counters) | refusals | now | steps
+        steps = {"clock_steps_back": self._clock.steps_back, "bytes_waiting_for_disk": self._writer.waiting_bytes}
+        return dict(self.counters) | dict(self._writer.counters) | dict(self.server.counters) | refusals | now | steps
 
     # ----------------------------------------------------------------------------------------- stations
 

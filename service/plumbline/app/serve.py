@@ -9,7 +9,6 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Callable, Mapping
 from typing import Final
 
 import uvloop
@@ -61,7 +60,7 @@ class Server:
             await ingest.start()
             self.ingest = ingest
         if "api" in roles and self._store is not None:
-            api = ApiRole(settings, self._store, bus, self._failing, self._metrics())
+            api = ApiRole(settings, self._store, bus)
             await api.start()
             self.api = api
         if "worker" in roles:
@@ -119,17 +118,6 @@ class Server:
         )
         await store.seed((*settings.stations, *fetched), tuple(thresholds))
         return store
-
-    def _failing(self) -> str:
-        return self.store_role.failing if self.store_role is not None else ""
-
-    def _metrics(self) -> Mapping[str, Callable[[], Mapping[str, int]]]:
-        found: dict[str, Callable[[], Mapping[str, int]]] = {}
-        if self.ingest is not None:
-            found["ingest"] = self.ingest.metrics
-        if self.store_role is not None:
-            found["store"] = lambda: dict(self.store_role.counters) if self.store_role is not None else {}
-        return found
 
 
 def reachable(endpoint: str) -> str:

@@ -4,10 +4,13 @@ import asyncio
 import logging
 import time
 from collections import Counter, OrderedDict
+from collections.abc import Coroutine
+from typing import Any
 
 from plumbline.bus import Bus, Inbox, Message, codec, keys
 from plumbline.bus.messages import (
     CheckpointMessage,
+    Report,
     StationConfig,
     decode_checkpoint,
     decode_numbered,
@@ -24,6 +27,7 @@ BATCH_INTERVAL_S = 0.1
 LONGEST_PAUSE_S = 10.0
 RUNS_REMEMBERED = 4
 ASK_AGAIN_S = 5.0
+SLOW_WRITE_S = 5.0
 
 
 class Continuity:
@@ -60,7 +64,7 @@ class StoreRole:
         self._asked: dict[str, float] = {}
         self._stopping = False
         self.counters: Counter[str] = Counter()
-        self.failing = ""  # why the database does not take anything at the moment
+        self._failing = ""  # why the database does not take anything at the moment
 
     async def start(self) -> None:
         """Subscribe, answer, and only then be known."""
@@ -69,6 +73,7 @@ class StoreRole:
             self._bus.subscribe(f"{prefix}/**", self._inbox)
         self._bus.answer(keys.QUERY_STATIONS, self._answer_stations)
         self._bus.answer(f"{keys.QUERY_CHECKPOINT}/*", self._answer_checkpoint)
+        self._bus.answer(keys.of(keys.QUERY_REPORT, self._name), self._answer_report)
         self._bus.announce(keys.of(keys.ALIVE_STORE, self._name))
         self._task = asyncio.get_running_loop().create_task(self._run())
 
@@ -132,13 +137,13 @@ class StoreRole:
         pause_s = 0.5
         while True:
             try:
-                self.counters["rows"] += await self._store.write(outputs, checkpoints)
-                if self.failing:
+                self.counters["rows"] += await self._watched(self._store.write(outputs, checkpoints))
+                if self._failing:
                     log.warning("the database takes results again")
-                self.failing = ""
+                self._failing = ""
                 return
             except PlumblineError as error:
-                self.failing = str(error)
+                self._failing = str(error)
                 self.counters["failed_writes"] += 1
                 log.error("the database does not take results, trying again in %.1f s: %s", pause_s, error)
             if self._stopping:
@@ -146,7 +151,22 @@ class StoreRole:
             await asyncio.sleep(pause_s)
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
+    async def _watched(self, writing: Coroutine[Any, Any, int]) -> int:
+        """A write's rows; it is told to be failing as long as it takes too long."""
+        task = asyncio.ensure_future(writing)
+        done, _ = await asyncio.wait((task,), timeout=SLOW_WRITE_S)
+        if not done:
+            self.counters["slow_writes"] += 1
+            self._failing = self._failing or f"the database has not taken results for more than {SLOW_WRITE_S:.0f} s"
+            log.error("%s", self._failing)
+        return await task
+
     # ----------------------------------------------------------------------------------------- answers
+
+    async def _answer_report(self, key: str, payload: bytes) -> bytes:
+        failing = {"database": self._failing} if self._failing else {}
+        counters = dict(self.counters) | {"inbox_dropped": self._inbox.dropped}
+        return encode_fields(Report("store", self._name, counters, failing))
 
     async def _answer_stations(self, key: str, payload: bytes) -> bytes | None:
         try:

@@ -37,9 +37,11 @@ class Archive:
         if mark.exists():
             mark.unlink()
             return
+        told_ns = self.last_receive_ns()
         for station in self.stations():
-            if mended := self._log(station).recover():
+            if mended := self._log(station).recover(told_ns):
                 self.mended[station] = mended
+                told_ns = max(told_ns, self._log(station).last_receive_ns)
 
     def stations(self) -> list[str]:
         """The streams that have a log, sorted."""

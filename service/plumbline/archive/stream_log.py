@@ -2,7 +2,8 @@
 
 Writing puts the bytes first and their index record second, so whatever the index names is there. What a crash leaves:
 
-- bytes without a record (killed between the two writes): they get a record at recovery, they were received after all;
+- bytes without a record (killed between the two writes): they were received, but nobody has been told; recovery gives
+  them a record, with a receive time after all that has been told of any stream;
 - half an index record: cut off, and its bytes are then the case above;
 - records without bytes (the power failed before the disk had them): the missing bytes are written as zeros, which is
   noise between frames, so that offsets that were handed out keep naming what they named;
@@ -10,9 +11,10 @@ Writing puts the bytes first and their index record second, so whatever the inde
 """
 
 import os
+import time
 import zlib
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -26,6 +28,7 @@ from plumbline.gps_time import GPS_EPOCH_UTC, NS_PER_S, gps_ns_from_unix_ns
 HOUR_NS = 3600 * NS_PER_S
 INDEX_RECORD = np.dtype([("offset", "<u8"), ("t_receive_ns", "<i8"), ("length", "<u4"), ("crc", "<u4")])
 REBUILT_CHUNK_BYTES = 4096
+FILE_TIME_STEP_NS = 10_000_000  # a file's time of change may be so much too early: it is the kernel's last tick's
 Index = NDArray[np.void]
 
 
@@ -141,8 +144,12 @@ class StreamLog:
         path.parent.mkdir(parents=True, exist_ok=True)
         known = bool(self._segments) and self._segments[-1].data_path == path
         self._new_path = None if known else path
-        self._data_fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        self._index_fd = os.open(path.with_suffix(".index"), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        self._data_fd = _open_to_append(path)
+        try:
+            self._index_fd = _open_to_append(path.with_suffix(".index"))
+        except OSError:
+            os.close(self._data_fd)
+            raise
         self._hour = hour
 
     def _give_up_half_written(self) -> None:
@@ -172,22 +179,26 @@ class StreamLog:
 
     # ---------------------------------------------------------------------------------------------- recovery
 
-    def recover(self) -> int:
-        """Mend what a crash left in the hour files that it can have touched; returns the bytes that needed it."""
+    def recover(self, told_ns: int = 0) -> int:
+        """Mend what a crash left in the hour files that it can have touched; returns the bytes that needed it.
+
+        ``told_ns`` (GPS) is the latest receive time of any stream of the archive.
+        """
         mended = 0
         end, last_ns = 0, 0
         paths = sorted(self._root.glob("[0-9]*/[0-9]*/[0-9]*.rtcm3"))
         for position, path in enumerate(paths):
-            if position < len(paths) - 1 and _has_record(path):
-                index = Segment(path, 0, 0).index()
-                end, last_ns = int(index["offset"][-1]) + int(index["length"][-1]), int(index["t_receive_ns"][-1])
-                continue
-            mended += _mend(path, end, last_ns)
+            if position == len(paths) - 1 or not _has_record(path):
+                mended += _mend(path, end, last_ns, max(told_ns, last_ns))
             if _has_record(path):
                 index = Segment(path, 0, 0).index()
                 end, last_ns = int(index["offset"][-1]) + int(index["length"][-1]), int(index["t_receive_ns"][-1])
         self.refresh()
         return mended
+
+
+def _open_to_append(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
 
 
 def _has_record(data_path: Path) -> bool:
@@ -205,9 +216,10 @@ def _write_all(descriptor: int, data: bytes) -> None:
         written += os.write(descriptor, data[written:])
 
 
-def _mend(path: Path, previous_end: int, previous_ns: int) -> int:
+def _mend(path: Path, previous_end: int, previous_ns: int, told_ns: int) -> int:
     """Make one hour file and its index agree; returns how many bytes were given a record or written as zeros."""
     index_path = path.with_suffix(".index")
+    lost = not index_path.exists()
     index_path.touch()
     whole = index_path.stat().st_size // INDEX_RECORD.itemsize * INDEX_RECORD.itemsize
     os.truncate(index_path, whole)
@@ -219,22 +231,37 @@ def _mend(path: Path, previous_end: int, previous_ns: int) -> int:
         with path.open("ab") as file:
             file.write(bytes(indexed - size))
     elif size > indexed:
-        last_ns = int(index["t_receive_ns"][-1]) if len(index) else previous_ns
-        _index_orphans(path, first, indexed, last_ns)
+        n = -(-(size - indexed) // REBUILT_CHUNK_BYTES)
+        times_ns = _spread_ns(path, n, previous_ns) if lost else _untold_ns(path, n, told_ns)
+        _index_orphans(path, first, indexed, times_ns)
     return abs(size - indexed)
 
 
-def _index_orphans(path: Path, first_offset: int, indexed: int, last_ns: int) -> None:
-    """Append records for the bytes that have none, their receive times evenly spread up to the file's last write."""
+def _spread_ns(path: Path, n: int, previous_ns: int) -> list[int]:
+    """Receive times for n pieces of a file without an index: over the file's life."""
     hour_start = _hour_start_ns(path)
-    begin = max(last_ns + 1, hour_start)
+    begin = max(previous_ns + 1, hour_start)
     written = min(gps_ns_from_unix_ns(path.stat().st_mtime_ns), hour_start + HOUR_NS - 1)
+    step = max((written - begin) // n, 1)
+    return [begin + i * step for i in range(n)]
+
+
+def _untold_ns(path: Path, n: int, told_ns: int) -> list[int]:
+    """Receive times for n pieces that were written last of all: after everything that has been told, one after another.
+
+    A clock told after the last chunk and before these bytes is earlier than their writing.
+    """
+    written = gps_ns_from_unix_ns(min(path.stat().st_mtime_ns + FILE_TIME_STEP_NS, time.time_ns()))
+    return [max(told_ns + 1, written) + i for i in range(n)]
+
+
+def _index_orphans(path: Path, first_offset: int, indexed: int, times_ns: Sequence[int]) -> None:
+    """Append a record for each piece of the bytes that have none."""
     data = path.read_bytes()[indexed:]
-    pieces = [data[i : i + REBUILT_CHUNK_BYTES] for i in range(0, len(data), REBUILT_CHUNK_BYTES)]
-    step = max((written - begin) // len(pieces), 1)
     with path.with_suffix(".index").open("ab") as file:
-        for i, piece in enumerate(pieces):
-            file.write(_record(first_offset + indexed + i * REBUILT_CHUNK_BYTES, begin + i * step, piece))
+        for i, t_ns in enumerate(times_ns):
+            begin = i * REBUILT_CHUNK_BYTES
+            file.write(_record(first_offset + indexed + begin, t_ns, data[begin : begin + REBUILT_CHUNK_BYTES]))
 
 
 def _hour_start_ns(path: Path) -> int:

@@ -14,11 +14,11 @@ CONNECTION = "plumbline/connection"  # connects and disconnects of a station's d
 ALIVE_INGEST = "plumbline/alive/ingest"
 ALIVE_WORKER = "plumbline/alive/worker"
 ALIVE_STORE = "plumbline/alive/store"
-QUERY_ARCHIVE = "plumbline/query/archive"  # /{archive}/{station}: chunks from an offset on
+QUERY_ARCHIVE = "plumbline/query/archive"  # /{archive}/{station}: chunks from a receive time on
 QUERY_STATIONS = "plumbline/query/stations"  # the stations and thresholds in the database
 QUERY_CHECKPOINT = "plumbline/query/checkpoint"  # /{station}: its last stored checkpoint
 QUERY_DEVICES = "plumbline/query/devices"  # /{archive}: unknown devices and connected stations of an ingest
-QUERY_METRICS = "plumbline/query/metrics"  # /{process}: counters
+QUERY_REPORT = "plumbline/query/report"  # /{process}: counters, and what is failing
 
 #: Key prefix of each kind of output, by its class name in :mod:`plumbline.records`.
 OUTPUTS = {

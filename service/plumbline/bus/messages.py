@@ -71,6 +71,16 @@ class ArchiveReply:
     chunks: tuple[Chunk, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a process says of itself: counters and gauges, and, by the name of the part, why one does not work now."""
+
+    role: str
+    process: str
+    counters: Mapping[str, int]
+    failing: Mapping[str, str]
+
+
 def encode_chunk(chunk: Chunk) -> bytes:
     """A chunk without its station, which is in the key."""
     return _CHUNK_HEAD.pack(chunk.offset, chunk.t_receive_ns, chunk.archive.encode("ascii")) + chunk.data
@@ -120,7 +130,7 @@ def decode_archive_reply(archive: str, station: str, data: bytes) -> ArchiveRepl
     return ArchiveReply(end, generation, t_now_ns, tuple(chunks))
 
 
-def encode_fields(message: Tick | CheckpointMessage) -> bytes:
+def encode_fields(message: Tick | CheckpointMessage | Report) -> bytes:
     """Any of the small messages, as the list of its fields."""
     return codec.encode([getattr(message, name) for name in message.__slots__])
 
@@ -133,6 +143,11 @@ def decode_tick(data: bytes) -> Tick:
 def decode_checkpoint(data: bytes) -> CheckpointMessage:
     """Inverse of :func:`encode_fields`; raises ``ValueError`` for anything else."""
     return CheckpointMessage(*_list(data, 4))
+
+
+def decode_report(data: bytes) -> Report:
+    """Inverse of :func:`encode_fields`; raises ``ValueError`` for anything else."""
+    return Report(*_list(data, 4))
 
 
 def _list(data: bytes, length: int) -> list[Any]:

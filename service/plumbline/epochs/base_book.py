@@ -2,15 +2,16 @@
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Final
 
+from plumbline.epochs.history import HISTORY_NS
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import AntennaDescription, Epoch
 
-_KEPT_NS: Final = 60 * NS_PER_S
+_KEPT_NS: Final = 60 * NS_PER_S  # of the base's own time; for late questions also by receive time
 _SAME_INSTANT_NS: Final = 2_000_000
 _SILENT_INTERVALS: Final = 3
-_LOOK_BACK: Final = 40  # epochs that may have come after the time asked about
 
 
 @dataclass(slots=True)
@@ -26,8 +27,10 @@ class BaseBook:
             if self.epochs[-1].t_gps_ns - epoch.t_gps_ns < _KEPT_NS:
                 return
             self.epochs = []
-        oldest = epoch.t_gps_ns - _KEPT_NS
-        first = bisect_right(self.epochs, oldest, key=_time)
+        first = min(
+            bisect_right(self.epochs, epoch.t_gps_ns - _KEPT_NS, key=_time),
+            bisect_right(self.epochs, epoch.t_receive_ns - HISTORY_NS, key=_receive_time),
+        )
         self.epochs = [*self.epochs[first:], epoch]
 
     def describe(self, description: AntennaDescription, t_receive_ns: int) -> None:
@@ -63,9 +66,13 @@ class BaseBook:
 
     def _known(self, as_of_receive_ns: int) -> list[Epoch]:
         """The last two epochs received by a time."""
-        known = [e for e in self.epochs[-_LOOK_BACK:] if e.t_receive_ns <= as_of_receive_ns]
-        return known[-2:]
+        known = (e for e in reversed(self.epochs) if e.t_receive_ns <= as_of_receive_ns)
+        return list(islice(known, 2))[::-1]
 
 
 def _time(epoch: Epoch) -> int:
     return epoch.t_gps_ns
+
+
+def _receive_time(epoch: Epoch) -> int:
+    return epoch.t_receive_ns

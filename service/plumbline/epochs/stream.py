@@ -66,6 +66,7 @@ class Books:
     translators: dict[str, SsrTranslator] = field(default_factory=dict)  # by stream
     has_corrections: bool = False
     bases: dict[str, BaseBook] = field(default_factory=dict)  # by stream: observations that others use
+    settled_ns: int = 0  # questions as of this receive time or later get the answers of that time, earlier ones may not
     _weekless: list[tuple[Message, int]] = field(
         default_factory=list
     )  # ephemerides that came before the week was known
@@ -99,11 +100,14 @@ class Books:
             self.counters[f"ephemeris_{ephemeris.reason}"] += 1
             return
         names_a_week = not isinstance(ephemeris, GlonassEphemeris)
+        was_known = self.time_base.known
         moved = names_a_week and self.time_base.learn(ephemeris.toe_gps_ns, t_receive_ns)
         if self.time_base.known and not moved:
             self.ephemerides.add(ephemeris)
         else:
             self._weekless = [*self._weekless[-_WEEKLESS_KEPT:], (message, t_receive_ns)]
+        if moved or self.time_base.known != was_known:
+            self.settled_ns = t_receive_ns
         if moved:
             self.counters["time_base_moved"] += 1
             self.corrections.clear()
@@ -124,6 +128,13 @@ class Books:
                 self.time_base.observe(correction.header.t_gps_ns)  # a stale bias's time is that of its arrival
             self.corrections.add(correction, stream)
 
+    def base(self, stream: str, t_receive_ns: int) -> BaseBook:
+        """The book of a base's stream, begun when it is asked for first."""
+        if stream not in self.bases:
+            self.bases[stream] = BaseBook()
+            self.settled_ns = t_receive_ns
+        return self.bases[stream]
+
 
 class NavigationFeed:
     """A stream that stations share: ephemerides, corrections, a base's observations. Bytes in, books kept."""
@@ -138,7 +149,7 @@ class NavigationFeed:
     def receive(self, data: bytes, t_receive_ns: int) -> None:
         """Decode and keep what is for the books; the rest is left alone."""
         if self._assembler is not None:
-            self._keep(self._assembler.advance(t_receive_ns))
+            self._keep(self._assembler.advance(t_receive_ns), t_receive_ns)
         for message in self._decoder.receive(data):
             if self._books.learn(message, t_receive_ns, self.stream):
                 continue
@@ -155,7 +166,7 @@ class NavigationFeed:
         if message.station == self._description.antenna:
             self._tell_channels(message, t_receive_ns)
             t_gps_ns = message.t_gps_ns(self._books.time_base.near(t_receive_ns))
-            self._keep(self._assembler.receive(message, t_gps_ns, t_receive_ns))
+            self._keep(self._assembler.receive(message, t_gps_ns, t_receive_ns), t_receive_ns)
 
     def _tell_channels(self, message: Observations, t_receive_ns: int) -> None:
         """GLONASS phases need their channel: where the message does not tell it, an ephemeris does."""
@@ -166,16 +177,15 @@ class NavigationFeed:
             if channel != UNKNOWN_CHANNEL:
                 self._assembler.learn_channel(satellite, channel)
 
-    def _keep(self, epochs: list[Epoch]) -> None:
-        book = self._books.bases.setdefault(self.stream, BaseBook())
+    def _keep(self, epochs: list[Epoch], t_receive_ns: int) -> None:
         for epoch in epochs:
-            book.add(epoch)
+            self._books.base(self.stream, t_receive_ns).add(epoch)
 
     def _describe(self, message: Message, t_receive_ns: int) -> None:
         description = describe(self._description, message)
         if description != self._description:
             self._description = description
-            self._books.bases.setdefault(self.stream, BaseBook()).describe(description, t_receive_ns)
+            self._books.base(self.stream, t_receive_ns).describe(description, t_receive_ns)
 
     @property
     def counters(self) -> dict[str, int]:

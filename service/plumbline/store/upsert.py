@@ -12,13 +12,25 @@ from sqlalchemy import Connection, Table
 from sqlalchemy.dialects import postgresql, sqlite
 
 
-def upsert(connection: Connection, table: Table, rows: Sequence[tuple[Any, ...]], newer_by: str | None = None) -> None:
+def upsert(
+    connection: Connection,
+    table: Table,
+    rows: Sequence[tuple[Any, ...]],
+    *,
+    newer_by: str | None = None,
+    not_older_by: str | None = None,
+) -> None:
     """Insert rows (values in the order of the table's columns) or replace those of the same key.
 
-    With ``newer_by`` a row is replaced only by one whose ``newer_by`` column is greater.
+    With ``newer_by`` a row is replaced only by one whose ``newer_by`` column is greater, with ``not_older_by`` by one
+    whose column is not less.
     """
+    condition = ""
+    for column, comparison in ((newer_by, ">"), (not_older_by, ">=")):
+        if column is not None:
+            condition = f' WHERE excluded."{column}" {comparison} {table.name}."{column}"'
     if rows:
-        connection.exec_driver_sql(_statement(table, connection.dialect.paramstyle, newer_by), list(rows))
+        connection.exec_driver_sql(_statement(table, connection.dialect.paramstyle, condition), list(rows))
 
 
 def insert_new(connection: Connection, table: Table, row: dict[str, Any]) -> bool:
@@ -29,12 +41,11 @@ def insert_new(connection: Connection, table: Table, row: dict[str, Any]) -> boo
 
 
 @cache
-def _statement(table: Table, paramstyle: str, newer_by: str | None) -> str:
+def _statement(table: Table, paramstyle: str, condition: str) -> str:
     names = [f'"{column.name}"' for column in table.columns]
     keys = [f'"{column.name}"' for column in table.primary_key]
     changes = ", ".join(f"{name} = excluded.{name}" for name in names if name not in keys)
     marks = ", ".join(["?" if paramstyle == "qmark" else "%s"] * len(names))
-    condition = f' WHERE excluded."{newer_by}" > {table.name}."{newer_by}"' if newer_by else ""
     return (
         f"INSERT INTO {table.name} ({', '.join(names)}) VALUES ({marks}) "
         f"ON CONFLICT ({', '.join(keys)}) DO UPDATE SET {changes}{condition}"

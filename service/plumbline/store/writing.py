@@ -38,7 +38,7 @@ def write(connection: Connection, batch: Sequence[Output], checkpoints: Sequence
     alert_log.apply(connection, [output for output in batch if isinstance(output, AlertEvent)])
     statuses = [_status_row(output) for output in batch if isinstance(output, StationStatus)]
     upsert(connection, station_status, statuses, newer_by="t_receive_ns")
-    upsert(connection, checkpoint_table, [_checkpoint_row(c) for c in checkpoints], newer_by="t_receive_ns")
+    upsert(connection, checkpoint_table, [_checkpoint_row(c) for c in checkpoints], not_older_by="t_receive_ns")
     return len(batch) + len(checkpoints)
 
 

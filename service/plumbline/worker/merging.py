@@ -2,11 +2,15 @@
 
 A stream is complete up to its *frontier*: for one that is live the clock of the ingest that it comes from, for one that
 is being fetched from the archive the last chunk fetched. A station's chunk is released when every correction stream is
-complete beyond it, and a correction when no station is further behind than ``lead_ns``: the books answer as of a time,
-but not for ever. Within these bounds chunks leave in the order of (receive time, stream).
+complete beyond it, and a correction when every station has been given what it received before. Within these bounds
+chunks leave in the order of (receive time, stream).
 
-A chunk whose offset is beyond the next one shows a gap: the stream goes back to being fetched, and nothing is lost. One
-whose offset is below it, though received later, shows that a power failure has shortened the archive: it is taken.
+A stream becomes live only when what was fetched joins, byte for byte, what is published: chunks that are published
+meanwhile are kept aside for that, and an answer to a question asked before something may have been missed proves
+nothing. A chunk whose offset is not the next one shows a gap: the stream goes back to being fetched, and nothing is
+lost. Archives are asked by receive time, as a power failure may shorten them.
+
+When an ingest is gone, the streams of others do not wait for it. Its own do: what they lack is in its archive.
 """
 
 import heapq
@@ -33,26 +37,42 @@ class Cursor:
     next_offset: int | None = None  # of the next chunk expected; None: not known before the first fetch
     consumed_offset: int = 0
     live: bool = False
+    doubtful: bool = False  # something may have been missed since the archive was asked
     pending: deque[Chunk] = field(default_factory=deque)
     pending_bytes: int = 0
+    ahead: deque[Chunk] = field(default_factory=deque)  # an unbroken run, published while the stream is being fetched
+    ahead_bytes: int = 0
 
     @property
     def key(self) -> tuple[str, str]:
         """(archive, station)."""
         return self.archive, self.station
 
+    def keep_ahead(self, chunk: Chunk) -> None:
+        """Keep a chunk for when the fetched ones reach it; of what is more than may be kept, the newest."""
+        unbroken = bool(self.ahead) and self.ahead[-1].end == chunk.offset
+        if not unbroken or self.ahead_bytes >= MAX_PENDING_BYTES:
+            self.forget_ahead()
+        self.ahead.append(chunk)
+        self.ahead_bytes += len(chunk.data)
+
+    def forget_ahead(self) -> None:
+        """Keep nothing aside any more."""
+        self.ahead.clear()
+        self.ahead_bytes = 0
+
 
 class Merger:
     """See the module. Feed it with :meth:`offer`, :meth:`tick` and :meth:`fetched`; take from :meth:`release`."""
 
-    def __init__(self, lead_ns: int) -> None:
-        self._lead_ns = lead_ns
+    def __init__(self) -> None:
         self._cursors: dict[tuple[str, str], Cursor] = {}
         self._by_station: dict[str, list[Cursor]] = {}
         self._corrections: list[Cursor] = []
         self._catching_up: dict[tuple[str, str], Cursor] = {}
         self._waiting: dict[tuple[str, str], Cursor] = {}  # those with pending chunks
-        self._clock_ns: dict[str, int] = {}  # by archive whose ingest is alive
+        self._alive: set[str] = set()  # archives whose ingest is there
+        self._clock_ns: dict[str, int] = {}  # by archive: the time that its ingest told last
         self._generation: dict[str, int] = {}
 
     # ----------------------------------------------------------------------------------------- streams
@@ -88,46 +108,50 @@ class Merger:
     @property
     def archives(self) -> tuple[str, ...]:
         """The archives whose ingest is alive."""
-        return tuple(sorted(self._clock_ns))
+        return tuple(sorted(self._alive))
 
     # ----------------------------------------------------------------------------------------- what comes in
 
     def ingest_came(self, archive: str) -> None:
         """An ingest is there (again): what it published unseen is fetched before anything else of it is believed."""
+        self._alive.add(archive)
         self._clock_ns[archive] = 0
         self._generation.pop(archive, None)
         self.refetch(archive)
 
     def ingest_went(self, archive: str) -> None:
-        """An ingest is gone: the others no longer wait for it."""
-        self._clock_ns.pop(archive, None)
+        """An ingest is gone: others no longer wait for it; its own streams are as complete as they were."""
+        self._alive.discard(archive)
         self._generation.pop(archive, None)
 
     def refetch(self, archive: str | None = None) -> None:
-        """Distrust what is live: streams (of an archive) are to be fetched up to their ends first."""
+        """Something may have been missed: streams (of an archive) are to be fetched up to their ends first."""
         for cursor in self._cursors.values():
-            if cursor.live and archive in (None, cursor.archive):
+            if archive in (None, cursor.archive):
                 self._fall_back(cursor)
+                cursor.doubtful = True
 
     def _fall_back(self, cursor: Cursor) -> None:
-        cursor.live = False
-        cursor.complete_ns = cursor.last_ns
-        self._catching_up[cursor.key] = cursor
+        if cursor.live:
+            cursor.live = False
+            cursor.complete_ns = cursor.last_ns
+            self._catching_up[cursor.key] = cursor
 
     def offer(self, chunk: Chunk) -> None:
         """A chunk as published live."""
         cursor = self._cursors.get((chunk.archive, chunk.station))
-        if cursor is not None and chunk.t_receive_ns > cursor.last_ns and cursor.next_offset is not None:
-            if chunk.offset <= cursor.next_offset and cursor.pending_bytes < MAX_PENDING_BYTES:
+        if cursor is not None and chunk.t_receive_ns > cursor.last_ns:
+            if cursor.live and chunk.offset == cursor.next_offset and cursor.pending_bytes < MAX_PENDING_BYTES:
                 self._take(cursor, chunk)
-            elif cursor.live:
+            else:
                 self._fall_back(cursor)
-        if chunk.archive in self._clock_ns and chunk.t_receive_ns > self._clock_ns[chunk.archive]:
-            self._clock_ns[chunk.archive] = chunk.t_receive_ns
+                cursor.keep_ahead(chunk)
+        if chunk.archive in self._alive:
+            self._clock_ns[chunk.archive] = max(self._clock_ns[chunk.archive], chunk.t_receive_ns)
 
     def tick(self, tick: Tick) -> None:
         """An ingest's clock; a new generation has its streams fetched again."""
-        if tick.archive not in self._clock_ns:
+        if tick.archive not in self._alive:
             return
         known = self._generation.setdefault(tick.archive, tick.generation)
         if known != tick.generation:
@@ -135,22 +159,46 @@ class Merger:
             self.refetch(tick.archive)
         self._clock_ns[tick.archive] = max(self._clock_ns[tick.archive], tick.t_receive_ns)
 
+    def wanted(self) -> list[Cursor]:
+        """Streams that are to be fetched now."""
+        return [
+            cursor
+            for cursor in self._catching_up.values()
+            if cursor.archive in self._alive and cursor.pending_bytes < MAX_PENDING_BYTES // 4
+        ]
+
+    def asked(self, cursor: Cursor) -> int:
+        """Note that the archive is being asked for a stream; the receive time that its answer is to begin after."""
+        cursor.doubtful = False
+        return cursor.last_ns
+
     def fetched(self, cursor: Cursor, reply: ArchiveReply) -> None:
-        """What the archive has answered for one of :meth:`wanted`, asked from its ``next_offset``, else ``last_ns``."""
+        """What the archive has answered for a stream: chunks received after the time that :meth:`asked` gave."""
         if self._cursors.get(cursor.key) is not cursor or cursor.live:
             return
-        if cursor.archive in self._clock_ns:
+        if cursor.archive in self._alive:
             self._generation.setdefault(cursor.archive, reply.generation)
+        first = reply.chunks[0].offset if reply.chunks else reply.end
         if cursor.next_offset is None:
-            first = reply.chunks[0].offset if reply.chunks else reply.end
-            cursor.next_offset = cursor.consumed_offset = first
+            cursor.consumed_offset = first
+        cursor.next_offset = first
         for chunk in reply.chunks:
+            self._take(cursor, chunk)
+        if cursor.next_offset >= reply.end:
+            self._reach_end(cursor, reply.t_now_ns)
+        else:
+            cursor.complete_ns = max(cursor.complete_ns, cursor.last_ns)
+
+    def _reach_end(self, cursor: Cursor, t_now_ns: int) -> None:
+        """All that the archive held at a time is in: live, if what was published since follows without a gap."""
+        cursor.complete_ns = max(cursor.complete_ns, t_now_ns)  # its own: others' chunks may be on their way
+        while cursor.ahead and cursor.next_offset is not None and cursor.ahead[0].offset <= cursor.next_offset:
+            chunk = cursor.ahead.popleft()
+            cursor.ahead_bytes -= len(chunk.data)
             if chunk.t_receive_ns > cursor.last_ns:
                 self._take(cursor, chunk)
-        cursor.complete_ns = max(cursor.complete_ns, cursor.last_ns)
-        if cursor.next_offset >= reply.end:
+        if not cursor.ahead and not cursor.doubtful:
             cursor.live = True
-            cursor.complete_ns = max(cursor.complete_ns, reply.t_now_ns)  # its own: others' chunks may be on their way
             del self._catching_up[cursor.key]
 
     def _take(self, cursor: Cursor, chunk: Chunk) -> None:
@@ -160,47 +208,38 @@ class Merger:
         cursor.last_ns = chunk.t_receive_ns
         self._waiting[cursor.key] = cursor
 
-    def wanted(self) -> list[Cursor]:
-        """Streams that are to be fetched now."""
-        return [
-            cursor
-            for cursor in self._catching_up.values()
-            if cursor.archive in self._clock_ns and cursor.pending_bytes < MAX_PENDING_BYTES // 4
-        ]
-
     # ----------------------------------------------------------------------------------------- what goes out
 
-    def _frontier_ns(self, cursor: Cursor) -> int:
-        if cursor.archive not in self._clock_ns:
-            return NEVER_NS  # its ingest is gone: nothing more to wait for
+    def _frontier_ns(self, cursor: Cursor, archive: str) -> int:
+        """How far a stream is complete, for one of ``archive`` that would wait for it."""
+        if cursor.archive not in self._alive and cursor.archive != archive:
+            return NEVER_NS
         return max(self._clock_ns[cursor.archive], cursor.complete_ns) if cursor.live else cursor.complete_ns
 
-    def correction_frontier_ns(self) -> int:
-        """The receive time up to which every correction stream is complete."""
-        return min((self._frontier_ns(cursor) for cursor in self._corrections), default=NEVER_NS)
-
-    def frontier_ns(self, station: str) -> int:
-        """The receive time up to which a station and all that it depends on are complete."""
-        own = min((self._frontier_ns(cursor) for cursor in self._by_station.get(station, ())), default=0)
-        return min(own, self.correction_frontier_ns())
+    def correction_frontier_ns(self, archive: str) -> int:
+        """The receive time up to which every correction stream is complete, for a stream of an archive."""
+        return min((self._frontier_ns(cursor, archive) for cursor in self._corrections), default=NEVER_NS)
 
     def clock_ns(self) -> int:
         """The latest time that any living ingest has told."""
-        return max(self._clock_ns.values(), default=0)
+        return max((self._clock_ns[archive] for archive in self._alive), default=0)
 
     def idle_until_ns(self, station: str) -> int | None:
         """The receive time up to which a station has no byte unprocessed; None where it has, or nobody can tell."""
         cursors = self._by_station.get(station, ())
-        if not cursors or any(cursor.pending for cursor in cursors):
+        alive = [cursor for cursor in cursors if cursor.archive in self._alive]
+        if not alive or any(cursor.pending for cursor in cursors):
             return None
-        frontier_ns = self.frontier_ns(station)
-        return frontier_ns if frontier_ns < NEVER_NS else None
+        own_ns = min(self._frontier_ns(cursor, cursor.archive) for cursor in alive)
+        return min(own_ns, *(self.correction_frontier_ns(cursor.archive) for cursor in alive))
 
-    def _hindmost_station_ns(self) -> int:
-        """The receive time before which every station has been given all its chunks."""
-        stations = (cursor for cursor in self._cursors.values() if not cursor.correction)
+    def _hindmost_station_ns(self, archive: str) -> int:
+        """The receive time before which every station has been given all its chunks, for a stream of an archive."""
+        heeded = (*self._alive, archive)
+        stations = (c for c in self._cursors.values() if not c.correction and c.archive in heeded)
         return min(
-            (c.pending[0].t_receive_ns if c.pending else self._frontier_ns(c) for c in stations), default=NEVER_NS
+            (c.pending[0].t_receive_ns if c.pending else self._frontier_ns(c, archive) for c in stations),
+            default=NEVER_NS,
         )
 
     def release(self, limit: int = 1000) -> Iterator[Chunk]:
@@ -214,21 +253,28 @@ class Merger:
 
     def _pass(self) -> Iterator[Chunk]:
         """What may be released by the bounds as they are now, in order; releasing it can widen them."""
-        complete_ns = self.correction_frontier_ns()
-        correction_limit_ns = complete_ns
-        if any(cursor.correction for cursor in self._waiting.values()):
-            correction_limit_ns = min(self._hindmost_station_ns() + self._lead_ns, complete_ns)
+        bounds = {archive: self._bounds(archive) for archive in {cursor.archive for cursor in self._waiting.values()}}
         heap = [(cursor.pending[0].t_receive_ns, not cursor.correction, key) for key, cursor in self._waiting.items()]
         heapq.heapify(heap)
         while heap:
             t_ns, _, key = heapq.heappop(heap)
             cursor = self._cursors[key]
+            complete_ns, correction_limit_ns = bounds[cursor.archive]
+            if t_ns > complete_ns and cursor.archive not in self._alive:
+                continue  # what it lacks comes back with its ingest; nobody else waits for that
             if t_ns > (correction_limit_ns if cursor.correction else complete_ns):
                 return  # whatever comes later in time has to wait for it
             if cursor.correction or t_ns <= self._siblings_ns(cursor):
                 yield self._consume(cursor)
                 if cursor.pending:
                     heapq.heappush(heap, (cursor.pending[0].t_receive_ns, not cursor.correction, key))
+
+    def _bounds(self, archive: str) -> tuple[int, int]:
+        """The latest receive times of which a station's chunk, and a correction, of an archive may be released."""
+        complete_ns = self.correction_frontier_ns(archive)
+        if not any(cursor.correction for cursor in self._waiting.values()):
+            return complete_ns, complete_ns
+        return complete_ns, min(self._hindmost_station_ns(archive), complete_ns)
 
     def _consume(self, cursor: Cursor) -> Chunk:
         chunk = cursor.pending.popleft()
@@ -240,5 +286,5 @@ class Merger:
 
     def _siblings_ns(self, cursor: Cursor) -> int:
         """The receive time up to which a station's streams in other archives are complete."""
-        siblings = self._by_station[cursor.station]
-        return min((self._frontier_ns(c) for c in siblings if c is not cursor and not c.pending), default=NEVER_NS)
+        siblings = (c for c in self._by_station[cursor.station] if c is not cursor and not c.pending)
+        return min((self._frontier_ns(c, cursor.archive) for c in siblings), default=NEVER_NS)

@@ -11,6 +11,7 @@ from typing import Any
 
 from plumbline.bus import keys
 from plumbline.bus.messages import CheckpointMessage, Numbered, encode_fields, encode_numbered
+from plumbline.epochs.history import HISTORY_NS
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Chunk, StationStatus
 from plumbline.worker.processing import Feed, Processing
@@ -20,7 +21,6 @@ log = logging.getLogger(__name__)
 
 SLOTS = "_books-{}"  # no station's id begins with an underscore
 OWNER_KEY = "_books"
-BOOKS_HISTORY_NS = 0  # how far back the books give the answers of the past, in all that is asked of them
 SAVE_INTERVAL_NS = 30 * NS_PER_S
 LOOK_BACK_NS = 4 * 3600 * NS_PER_S  # without a snapshot: how much of the streams to read again
 SILENT_AFTER_NS = 60 * NS_PER_S
@@ -58,7 +58,13 @@ class SharedBooks:
             self._feeds[chunk.station].receive(chunk.data, chunk.t_receive_ns)
         except Exception:  # a defect in decoding must not take the stations along
             log.exception("correction stream %s: decoding failed", chunk.station)
-        self.fed_ns = self._last_ns[chunk.station] = chunk.t_receive_ns
+        self._last_ns[chunk.station] = chunk.t_receive_ns
+        self.fed_ns = max(self.fed_ns, chunk.t_receive_ns)
+
+    def answers_from_ns(self) -> int:
+        """The receive time as of which, and later, the books give the answers of that time."""
+        settled_ns: int = self.books.settled_ns
+        return min(self.fed_ns, max(self.fed_ns - HISTORY_NS, settled_ns))
 
     # ----------------------------------------------------------------------------------------- snapshots
 

@@ -2,13 +2,13 @@
 
 import logging
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from plumbline.bus import codec, keys
 from plumbline.bus.messages import CheckpointMessage, Numbered, StationConfig, encode_fields, encode_numbered
 from plumbline.config import StationSettings
-from plumbline.records import Chunk, Output
+from plumbline.records import Chunk, Output, Solution, StationStatus
 from plumbline.worker.processing import Processing, StationPipeline
 
 log = logging.getLogger(__name__)
@@ -36,6 +36,7 @@ class StationRunner:
         self._settings: StationSettings = config.settings
         self.failures = 0
         self.unsaved = False
+        self._unproven = checkpoint is not None  # a state that was restored and has given no solution yet
         self._pipeline = self._start(checkpoint)
 
     def _start(self, checkpoint: CheckpointMessage | None) -> StationPipeline:
@@ -68,26 +69,38 @@ class StationRunner:
         self._apply_change(chunk.t_receive_ns)
         self.consumed_ns = chunk.t_receive_ns
         self.unsaved = True
-        return self._guarded(lambda: self._pipeline.receive(chunk.data, chunk.t_receive_ns))
+        return self._guarded(lambda pipeline: pipeline.receive(chunk.data, chunk.t_receive_ns))
 
     def advance(self, t_receive_ns: int) -> list[Output]:
         """Nothing more has come up to a time."""
         self._apply_change(t_receive_ns)
-        return self._guarded(lambda: self._pipeline.advance(t_receive_ns))
+        outputs = self._guarded(lambda pipeline: pipeline.advance(t_receive_ns))
+        self.unsaved = self.unsaved or not all(isinstance(output, StationStatus) for output in outputs)
+        return outputs
 
     def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
         """The device came or went."""
-        return self._guarded(lambda: self._pipeline.connection_event(kind, reason, t_receive_ns))
+        return self._guarded(lambda pipeline: pipeline.connection_event(kind, reason, t_receive_ns))
 
-    def _guarded(self, work: Any) -> list[Output]:
-        """A defect in one station's processing must not take the others along: it is logged and counted."""
+    def _guarded(self, work: Callable[[StationPipeline], list[Output]]) -> list[Output]:
+        """A defect in one station's processing must not take the others along: it is logged and counted.
+
+        A restored state that fails before it has given a solution is of another version: the station begins afresh.
+        """
         try:
-            return work()  # type: ignore[no-any-return]
+            outputs = work(self._pipeline)
         except Exception:
             self.failures += 1
             if self.failures & (self.failures - 1) == 0:
                 log.exception("station %s: processing failed %d times", self.config.station, self.failures)
-            return []
+            if not self._unproven:
+                return []
+            log.error("station %s: its saved state cannot be used; it begins afresh", self.config.station)
+            self._unproven = False
+            self._pipeline = self._processing.new_pipeline(self._settings, self.config.thresholds, self._books)
+            return self._guarded(work)
+        self._unproven = self._unproven and not any(isinstance(output, Solution) for output in outputs)
+        return outputs
 
     # ----------------------------------------------------------------------------------------- what leaves
 

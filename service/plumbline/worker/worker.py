@@ -17,12 +17,14 @@ from plumbline.bus.messages import (
     ArchiveReply,
     CheckpointMessage,
     Numbered,
+    Report,
     StationConfig,
     decode_archive_reply,
     decode_checkpoint,
     decode_chunk,
     decode_configs,
     decode_tick,
+    encode_fields,
     encode_numbered,
 )
 from plumbline.config import Mode, ServerSettings
@@ -31,7 +33,7 @@ from plumbline.records import Chunk, Output
 from plumbline.worker.merging import Cursor, Merger
 from plumbline.worker.ownership import owner
 from plumbline.worker.processing import Processing, real_processing
-from plumbline.worker.shared_books import BOOKS_HISTORY_NS, OWNER_KEY, SLOTS, SharedBooks
+from plumbline.worker.shared_books import OWNER_KEY, SLOTS, SharedBooks
 from plumbline.worker.station import StationRunner, new_run
 
 log = logging.getLogger(__name__)
@@ -55,7 +57,7 @@ class Worker:
         self._bus = bus
         self._processing = processing or real_processing()
         self._inbox = Inbox()
-        self._merger = Merger(lead_ns=BOOKS_HISTORY_NS)
+        self._merger = Merger()
         self._books = SharedBooks(self._processing)
         self._configs: dict[str, StationConfig] = {}
         self._runners: dict[str, StationRunner] = {}
@@ -78,7 +80,7 @@ class Worker:
         for key in (keys.CLOCK, keys.SETTINGS, keys.REWIND, keys.CONNECTION):
             self._bus.subscribe(f"{key}/**", self._inbox)
         self._bus.watch("plumbline/alive/**", self._inbox)
-        self._bus.answer(keys.of(keys.QUERY_METRICS, self.worker_id), self._answer_metrics)
+        self._bus.answer(keys.of(keys.QUERY_REPORT, self.worker_id), self._answer_report)
         await self._learn_stations()
         self._bus.announce(keys.of(keys.ALIVE_WORKER, self.worker_id))
         while not self._stopping:
@@ -317,18 +319,16 @@ class Worker:
             created_ns = self._configs[station].created_gps_ns
             for archive in self._merger.archives:
                 from_ns = checkpoint.t_receive_ns if checkpoint else created_ns
-                reply = await self._ask_archive(archive, station, None, from_ns, 1)
+                reply = await self._ask_archive(archive, station, from_ns, 1)
                 if reply is not None and reply.chunks:
                     needed_ns = min(needed_ns, reply.chunks[0].t_receive_ns)
         return needed_ns
 
     # ----------------------------------------------------------------------------------------- the archive
 
-    async def _ask_archive(
-        self, archive: str, station: str, offset: int | None, from_ns: int, max_bytes: int
-    ) -> ArchiveReply | None:
-        """Chunks of a stream from an offset on, or else those received after ``from_ns``; None: no answer."""
-        question = codec.encode([-1 if offset is None else offset, from_ns + 1, max_bytes])
+    async def _ask_archive(self, archive: str, station: str, after_ns: int, max_bytes: int) -> ArchiveReply | None:
+        """About so many bytes of a stream's chunks received after a time; None: no answer."""
+        question = codec.encode([after_ns + 1, max_bytes])
         answers = await self._bus.query(keys.of(keys.QUERY_ARCHIVE, archive, station), question, timeout_s=10.0)
         return decode_archive_reply(archive, station, answers[0]) if answers else None
 
@@ -344,9 +344,8 @@ class Worker:
 
     async def _fetch(self, cursor: Cursor) -> None:
         try:
-            reply = await self._ask_archive(
-                cursor.archive, cursor.station, cursor.next_offset, cursor.last_ns, FETCH_BYTES
-            )
+            after_ns = self._merger.asked(cursor)
+            reply = await self._ask_archive(cursor.archive, cursor.station, after_ns, FETCH_BYTES)
             if reply is None:
                 self.counters["archive_silent"] += 1
                 await asyncio.sleep(0.5)
@@ -374,7 +373,7 @@ class Worker:
 
     def _station_chunk(self, chunk: Chunk) -> bool:
         """Process a station's chunk; False when the books are too far ahead of it, so that all must begin again."""
-        if chunk.t_receive_ns < self._books.fed_ns - BOOKS_HISTORY_NS:
+        if chunk.t_receive_ns < self._books.answers_from_ns():
             log.info("the books are ahead of %s: beginning again", chunk.station)
             self._must_restart = self._unsettled = True
             return False
@@ -429,8 +428,8 @@ class Worker:
         for station in self._runners:
             self._save(station)
 
-    async def _answer_metrics(self, key: str, payload: bytes) -> bytes:
-        """This worker's counters."""
+    async def _answer_report(self, key: str, payload: bytes) -> bytes:
         gauges = {"stations": len(self._runners), "inbox_dropped": self._inbox.dropped}
         failures = sum(runner.failures for runner in self._runners.values())
-        return codec.encode({"worker": self.worker_id} | gauges | {"failures": failures} | dict(self.counters))
+        counters = gauges | {"failures": failures} | dict(self.counters)
+        return encode_fields(Report("worker", self.worker_id, counters, {}))

@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from plumbline.archive import Archive, replay
 from plumbline.archive.stream_log import HOUR_NS, INDEX_RECORD, StreamLog, hour_path
 from plumbline.errors import ContractError
-from plumbline.gps_time import NS_PER_S, gps_ns_from_calendar
+from plumbline.gps_time import NS_PER_S, gps_ns_from_calendar, gps_ns_from_unix_ns
 
 T0_NS = gps_ns_from_calendar(2026, 2, 6, 23, 59, 58 * NS_PER_S)
 
@@ -150,6 +151,24 @@ def test_archive_recovers_after_a_crash_only(tmp_path: Path) -> None:
     assert [chunk.data for chunk in crashed.chunks("a")] == [b"abc"]
     crashed.close()
     assert Archive(tmp_path).mended == {}
+
+
+@pytest.mark.parametrize("left", [0, 5])
+def test_what_nobody_was_told_of_comes_after_all_that_was_told(tmp_path: Path, left: int) -> None:
+    """Killed between the bytes and their record: other streams were received, and processed, in the meantime."""
+    archive = Archive(tmp_path)
+    now_ns = gps_ns_from_unix_ns(time.time_ns())
+    archive.append("ssr", now_ns - 1000, b"old")
+    archive.append("rover", now_ns + 1000, b"told")  # by a clock that is ahead of the file system's
+    archive.append("ssr", now_ns + 2000, b"untold")
+    (index,) = (tmp_path / "ssr").rglob("*.index")
+    os.truncate(index, INDEX_RECORD.itemsize + left)
+    again = Archive(tmp_path)
+    assert [(chunk.station, chunk.data) for chunk in replay(again, ["rover", "ssr"])] == [
+        ("ssr", b"old"),
+        ("rover", b"told"),
+        ("ssr", b"untold"),
+    ]
 
 
 def test_a_reader_sees_what_the_writer_appends(tmp_path: Path) -> None:
