@@ -17,12 +17,12 @@ from plumbline.worker.processing import Processing
 
 async def work(settings: ServerSettings, parent: int | None = None, processing: Processing | None = None) -> None:
     """Work on the bus that the settings connect to, until SIGTERM or SIGINT, or until the parent process is gone."""
+    loop = asyncio.get_running_loop()
+    watcher = loop.create_task(_leave_with(parent)) if parent is not None else None
     bus = await Bus.open(connect=settings.bus_connect)
     worker = Worker(settings, bus, processing)
-    loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, worker.stop)
-    watcher = loop.create_task(_leave_with(parent)) if parent is not None else None
     try:
         await worker.run()
     finally:
