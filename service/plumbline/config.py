@@ -109,6 +109,7 @@ class FusionSettings(_Frozen):
     coasting_noise_m_s2_sqrt_hz: float = Field(0.05, gt=0)  # acceleration that nobody measures, without samples
     displacement_sigma_m: Vector3 | None = None  # None: the solution's own covariance
     innovation_gate_sigma: float = Field(6.0, gt=0)  # a solution further off its prediction is refused
+    test_power: float = Field(0.80, gt=0, lt=1)  # at which minimal detectable biases of solutions are found
     max_refusals: int = Field(3, ge=1)  # this many in a row, and the filter starts anew from the solution
     accelerometer_timeout_s: float = Field(3.0, gt=0)  # samples later than this: motion from GNSS alone
     coasting_after_s: float = Field(10.0, gt=0)  # without a solution, motion is marked as coasting

@@ -30,11 +30,15 @@ def recording(data_dir: Path) -> tuple[Series, Series]:
     return gnss, accelerometer
 
 
-def fused(recording: tuple[Series, Series], rotation_deg: float, offset_s: float = 0.0, every: int = 1) -> FusedSeries:
+def fused(
+    recording: tuple[Series, Series], rotation_deg: float, offset_s: float = 0.0, every: int = 1, **changes: float
+) -> FusedSeries:
     gnss, accelerometer = recording
     c, s = float(np.cos(np.radians(rotation_deg))), float(np.sin(np.radians(rotation_deg)))
     settings = FusionSettings(
-        rotation_enu_from_sensor=((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)), inertial_time_offset_s=offset_s
+        rotation_enu_from_sensor=((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)),
+        inertial_time_offset_s=offset_s,
+        **changes,
     )
     return fuse_series(
         gnss.t_gps_ns,
@@ -86,3 +90,11 @@ def test_static_offset_remains(recording: tuple[Series, Series]) -> None:
     series = fused(recording, DOCUMENTED_ROTATION_DEG)
     end = series.displacement_at(recording[0].t_gps_ns[-5:]).mean(axis=0)
     np.testing.assert_allclose(end, [-0.533, -0.100, -0.036], atol=0.05)
+
+
+def test_quality_control_takes_nothing_from_the_earthquake(recording: tuple[Series, Series]) -> None:
+    """With the tests on as with a gate that refuses nothing: no solution and no sample is left out."""
+    on = fused(recording, DOCUMENTED_ROTATION_DEG)
+    off = fused(recording, DOCUMENTED_ROTATION_DEG, innovation_gate_sigma=1e6)
+    np.testing.assert_array_equal(on.displacement_enu_m, off.displacement_enu_m)
+    assert not any(name.startswith("motion_") for name in on.state.counters)

@@ -122,6 +122,7 @@ def test_outliers_are_found_and_attributed_and_cause_no_wrong_fix(clean: Clean) 
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("recording", [STR, SC134], ids=lambda recording: recording.folder)
 def test_outliers_of_many_seeds_in_the_whole_recordings(data_dir: Path, recording: Recording) -> None:
     _check_outliers(_clean(data_dir, recording, 0, 10_000), range(100, 110))

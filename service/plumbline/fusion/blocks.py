@@ -10,6 +10,7 @@ from plumbline.fusion.state import FusionState, Node, Second
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Motion, Status
 
+_NOTE_NS: Final = 60 * NS_PER_S  # how long a new start's reason stands with the motion
 _NO_BASELINE: Final = "no acceleration yet: the sensor's bias is being learnt"
 
 
@@ -76,4 +77,6 @@ def _status(state: FusionState, node: Node, t_ns: int, settings: FusionSettings)
     gap_s = (t_ns - node.t_solution_gps_ns) / NS_PER_S
     if gap_s > settings.coasting_after_s:
         return Status.COASTING, f"no displacement from GNSS for {gap_s:.0f} s" + why
+    if node.note and t_ns - node.t_note_gps_ns < _NOTE_NS:
+        return node.solution_status, node.note
     return node.solution_status, ""

@@ -22,6 +22,7 @@ import numpy as np
 from plumbline.config import FusionSettings
 from plumbline.epochs.time_matching import grid_rate, grid_time_ns, match_samples
 from plumbline.fusion.blocks import motions_of
+from plumbline.fusion.control import without_faults
 from plumbline.fusion.second import Run, index_in_second, run_second
 from plumbline.fusion.state import FusionResult, FusionState, Innovation, Measurement, Second, unknown_node
 from plumbline.gps_time import NS_PER_S
@@ -61,7 +62,7 @@ def receive_inertial(state: FusionState, block: InertialBlock, settings: FusionS
     if state.stale_from is not None and any(m.second in touched for m in state.measurements):
         start = min(start, state.stale_from)
         state = replace(state, stale_from=None)
-    state, runs, innovations = _run_from(state, start, settings)
+    state, runs, innovations, start = _tested(state, start, settings)
     state, motions = _publish(state, runs, start, state.seconds[-1].second, block.t_receive_ns, settings)
     return FusionResult(_trimmed(state, settings), motions, innovations)
 
@@ -84,7 +85,7 @@ def receive_solution(state: FusionState, solution: Solution, settings: FusionSet
         return FusionResult(state, [], [])
     state, closed = _close(state, measurement.t_gps_ns)
     start = min({second, *closed} | ({state.stale_from} if state.stale_from is not None else set()))
-    state, runs, innovations = _run_from(state, start, settings)
+    state, runs, innovations, start = _tested(state, start, settings)
     interval_ns = measurement.t_gps_ns - earlier if earlier is not None else DEFAULT_SOLUTION_INTERVAL_NS
     last = (state.measurements[-1].t_gps_ns + interval_ns) // NS_PER_S - 1
     rows_from_ns = min([measurement.t_gps_ns, *(number * NS_PER_S for number in closed)])
@@ -239,6 +240,32 @@ def _run_from(
         replace(m, processed=True) if m.t_gps_ns in met and not m.processed else m for m in state.measurements
     )
     return replace(state, seconds=tuple(seconds), measurements=marked, head=node), runs, fresh
+
+
+def _tested(
+    state: FusionState, first: int, settings: FusionSettings
+) -> tuple[FusionState, dict[int, Run], list[Innovation], int]:
+    """:func:`_run_from`, and once more without the samples that explain why a new solution does not fit.
+
+    Last: the first second that was run differently.
+    """
+    ran, runs, fresh = _run_from(state, first, settings)
+    refused = next((v for v in fresh if not v.applied), None)
+    if refused is not None:
+        rotation = np.array(settings.rotation_enu_from_sensor)
+        fitting = [m.t_gps_ns for m in state.measurements if m.processed and m.t_gps_ns < refused.t_gps_ns]
+        since_ns = fitting[-1] if fitting else refused.t_gps_ns - NS_PER_S
+        seconds, cause, n, changed = without_faults(state.seconds, since_ns, refused.t_gps_ns, rotation)
+        if n:
+            other, other_runs, other_fresh = _run_from(
+                replace(state, seconds=seconds), min(first, changed), settings
+            )  # fmt: skip
+            if next(v for v in other_fresh if v.t_gps_ns == refused.t_gps_ns).applied:
+                ran, runs, first = _counted(other, f"motion_{cause}_samples", n), other_runs, min(first, changed)
+                fresh = [replace(v, cause=cause) if v.t_gps_ns == refused.t_gps_ns else v for v in other_fresh]
+    for innovation in fresh:
+        ran = _counted(ran, f"motion_{innovation.cause}", int(innovation.cause != ""))
+    return replace(ran, last_innovation=fresh[-1] if fresh else ran.last_innovation), runs, fresh, first
 
 
 def _publish(

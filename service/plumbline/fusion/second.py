@@ -7,7 +7,9 @@ import numpy as np
 
 from plumbline.config import FusionSettings
 from plumbline.epochs.time_matching import grid_time_ns, nearest_grid_index
+from plumbline.estimation.dia_window import Window, add_epoch
 from plumbline.estimation.kalman import cholesky_lower, lower_inverse
+from plumbline.fusion.control import Cause, lasting_cause, root_noncentrality
 from plumbline.fusion.kernels import OUTPUTS, propagate, step_coasting
 from plumbline.fusion.state import BASELINE, DISPLACEMENT, N_STATES, VELOCITY, Innovation, Measurement, Node, Second
 from plumbline.gps_time import NS_PER_S
@@ -22,6 +24,7 @@ BASELINE_MEMORY_S: Final = 20.0  # standstill: how far back the mean of the samp
 BASELINE_CORRELATION_S: Final = 1.0  # the shaking that the mean averages over is this slow
 BASELINE_SETTLED_S: Final = 10.0  # until then a slow sway may hide in the baseline: no acceleration is told
 LOST_SIGMA_M: Final = 2.0  # a displacement this uncertain is none
+_WINDOW_MEMORY: Final = 0.95  # of the global tests: 20 solutions
 FORGOTTEN_SIGMA_M: Final = 100.0  # a solution after this is a new start (beyond it, the covariance would lose digits)
 
 
@@ -212,19 +215,26 @@ def _meet(
     if since_ns is None or _exceeds(f.p, FORGOTTEN_SIGMA_M):
         _start(f, m, rate)
         return None
-    innovation, gain, h = _predict_innovation(f, m, delta_s)
+    innovation, gain, h = _predict_innovation(f, m, delta_s, settings)
     if innovation.nis <= settings.innovation_gate_sigma**2:
+        window = add_epoch(f.node.window, innovation.nis, len(h), _WINDOW_MEMORY)
+        f.node = replace(f.node, window=window)
         _update(f, m, innovation, gain, h)
-        return innovation
-    reason = f"GNSS is {np.linalg.norm(innovation.innovation_enu_m):.3f} m off the motion's prediction"
-    f.node = replace(f.node, refusals=f.node.refusals + 1, refusal=reason)
+        return replace(innovation, window=window)
+    size_m, cause = float(np.linalg.norm(innovation.innovation_enu_m)), Cause.OUTLIER
+    reason = f"GNSS is {size_m:.3f} m off the motion's prediction"
+    off = (*f.node.off, (m.t_gps_ns, innovation.innovation_enu_m))
+    f.node = replace(f.node, refusals=f.node.refusals + 1, refusal=reason, off=off)
     if f.node.refusals >= settings.max_refusals:
+        cause = lasting_cause(since_ns, off)
+        note = f"GNSS has jumped by {size_m:.3f} m, unfelt by the accelerometer" if cause is Cause.JUMP else ""
+        f.node = replace(f.node, note=note, t_note_gps_ns=m.t_gps_ns, window=Window())
         elapsed_s = (m.t_gps_ns - since_ns) * 1e-9
         f.node = replace(f.node, baseline_samples=0, t_solution_gps_ns=None)
         f.node = _with_baseline(replace(f.node, x=f.x, p=f.p), samples, rate)
         f.x = f.node.x.copy()
         _start(f, m, rate, np.abs(innovation.innovation_enu_m) / max(elapsed_s, 1.0))
-    return replace(innovation, applied=False, reason=reason)
+    return replace(innovation, applied=False, reason=reason, cause=cause, window=f.node.window)
 
 
 def _start(f: _Filter, m: Measurement, rate: int, missed_velocity_m_s: Floats | float = 0.0) -> None:
@@ -250,10 +260,13 @@ def _accept(f: _Filter, m: Measurement) -> None:
         solution_variance_m2=m.variance_enu_m2,
         refusals=0,
         refusal="",
+        off=(),
     )
 
 
-def _predict_innovation(f: _Filter, m: Measurement, delta_s: float) -> tuple[Innovation, Floats, Floats]:
+def _predict_innovation(
+    f: _Filter, m: Measurement, delta_s: float, settings: FusionSettings
+) -> tuple[Innovation, Floats, Floats]:
     """Innovation, gain (9, 3; eq. 6) and design matrix (3, 9) of a solution ``delta_s`` after the filter's instant.
 
     H is [I, δ I, −δ²/2 I], eq. 3's first row over δ, so a solution between two samples needs no step of its own.
@@ -269,8 +282,10 @@ def _predict_innovation(f: _Filter, m: Measurement, delta_s: float) -> tuple[Inn
     s = h @ ph + m.covariance_enu_m2
     factor, _ = cholesky_lower(s)
     inverse = lower_inverse(factor)
-    gain = ph @ (inverse.T @ inverse)
-    return Innovation(m.t_gps_ns, v, inverse @ v, s.diagonal().copy(), applied=True), gain, h
+    information = inverse.T @ inverse
+    root = root_noncentrality(settings.innovation_gate_sigma, settings.test_power)
+    mdb = root / np.sqrt(information.diagonal())
+    return Innovation(m.t_gps_ns, v, inverse @ v, s.diagonal().copy(), True, mdb), ph @ information, h
 
 
 def _update(f: _Filter, m: Measurement, innovation: Innovation, gain: Floats, h: Floats) -> None:

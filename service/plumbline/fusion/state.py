@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from plumbline.epochs.time_matching import NO_TAIL, SampleTail
+from plumbline.estimation.dia_window import Window
 from plumbline.fusion.gravity import gravity_at_m_s2
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Motion, Status
@@ -41,6 +42,10 @@ class Node:
     solution_variance_m2: Floats = field(default_factory=lambda: np.zeros(3))  # of the same, ENU
     refusals: int = 0  # solutions in a row that were refused
     refusal: str = ""  # the last one, in words
+    off: tuple[tuple[int, Floats], ...] = ()  # of those refused in a row: time, and how far off (3,) m
+    note: str = ""  # what a new start rests on, in words …
+    t_note_gps_ns: int = 0  # … and since when
+    window: Window = field(default_factory=Window)  # the global tests of the last solutions
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +88,10 @@ class Innovation:
     whitened: Floats  # (3,) inverse Cholesky factor of its covariance × innovation: independent, unit variance
     variance_enu_m2: Floats  # (3,) diagonal of its covariance
     applied: bool
+    mdb_enu_m: Floats  # (3,) error of one component that the gate finds with the power stated
     reason: str = ""
+    cause: str = ""  # plumbline.fusion.control.Cause, where it did not fit
+    window: Window = field(default_factory=Window)  # of this and the solutions before it
 
     @property
     def nis(self) -> float:
@@ -107,6 +115,7 @@ class FusionState:
     stale_from: int | None = None  # first second whose emitted block is older than the filter's knowledge of it
     first_revision: int = 0  # of every block
     late_in_a_row: int = 0  # inputs that came too late, since one that did not
+    last_innovation: Innovation | None = None
     no_solution: str = ""  # why the last solution had no displacement to use
     counters: Mapping[str, int] = field(default_factory=dict)  # inputs not used, by reason
 

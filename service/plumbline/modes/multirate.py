@@ -1,11 +1,17 @@
 """Solutions and accelerometer samples to motion, by the multirate filter."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
 
 from plumbline import fusion
 from plumbline.config import StationSettings
+from plumbline.estimation.dia_window import equivalent
+from plumbline.gps_time import NS_PER_S
 from plumbline.positioning.facts import Vector3
-from plumbline.records import InertialBlock, Motion, Solution
+from plumbline.records import InertialBlock, Motion, QualityReport, Solution
+
+_AXES: Final = ("east", "north", "up")
 
 
 def receive_solution(
@@ -29,6 +35,24 @@ def begun(state: fusion.FusionState | None, settings: StationSettings, adopted: 
     if state is not None:
         return state
     return fusion.initial_state(settings.station, settings.reference_position_ecef_m or adopted)
+
+
+def with_tests(report: QualityReport, state: fusion.FusionState | None) -> QualityReport:
+    """The report with the tests of the last solution that met its prediction (that may be one before this)."""
+    last = None if state is None else state.last_innovation
+    if last is None:
+        return report
+    statistic, freedom = equivalent(last.window)
+    tests = {
+        "motion_t_gps_s": last.t_gps_ns / NS_PER_S,
+        "motion_statistic": last.nis,
+        "motion_degrees_of_freedom": float(last.whitened.size),
+        "motion_applied": float(last.applied),
+        "motion_window_statistic": statistic,
+        "motion_window_degrees_of_freedom": freedom,
+        **{f"motion_mdb_{axis}_m": float(mdb) for axis, mdb in zip(_AXES, last.mdb_enu_m, strict=True)},
+    }
+    return replace(report, tests={**report.tests, **tests})
 
 
 def counters_of(state: fusion.FusionState | None) -> Mapping[str, int]:

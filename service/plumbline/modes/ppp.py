@@ -41,7 +41,7 @@ class PppProcessor:
         adopted = state.position.reference_position_ecef_m
         state.motion, motions = multirate.receive_solution(state.motion, solution, settings, adopted)
         reports = [] if found is None else [quality_report(solution, state.position, found, settings.positioning)]
-        return [solution, *motions, *reports]
+        return [solution, *motions, *(multirate.with_tests(report, state.motion) for report in reports)]
 
     def receive_inertial(self, block: InertialBlock) -> list[Outcome]:
         """Samples to motion, in mode ppp-accel."""

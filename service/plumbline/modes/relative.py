@@ -61,7 +61,9 @@ class RelativeProcessor:
                 break
             self.state.waiting = self.state.waiting[1:]
             solution, report = self._positioned(epoch, as_of_ns)
-            outcomes += [*self._moved(solution), *([] if report is None else [report])]
+            outcomes += self._moved(solution)
+            if report is not None:
+                outcomes.append(multirate.with_tests(report, self.state.motion))
         return outcomes
 
     def _positioned(self, epoch: Epoch, as_of_ns: int) -> tuple[Solution, QualityReport | None]:
