@@ -167,6 +167,8 @@ class StationSettings(_Frozen):
     ocean_loading_blq: str | None = None  # path of a BLQ file
     epoch_deadline_s: float = Field(0.8, gt=0)  # how long an epoch waits for late constellations
     silent_after_s: float = Field(10.0, gt=0)
+    neighbours: tuple[StationId, ...] = Field((), max_length=8)  # stations that move as this one does: its witnesses
+    neighbour_share: float = Field(0.5, gt=0, le=1)  # of a displacement, that a neighbour must show to bear it out
     device: DeviceSettings = DeviceSettings()
     positioning: PositioningSettings = PositioningSettings()
     rtk: RtkSettings = RtkSettings()

@@ -1,8 +1,12 @@
 """One station's wiring, from bytes to motion and alerts. Pure: bytes and times in, records out.
 
-    bytes ► decoder ► observations ► assembler ► epochs ► mode ► solutions, motion ► alert rules
+    bytes ► decoder ► observations ► assembler ► epochs ► mode ► solutions, motion ► judgement ► alerts
                     ► ephemerides, corrections ► books
                     ► inertial samples ──────────────────► mode
+    neighbours' bytes ► a pipeline each ► solutions ────────────────────────────► judgement
+
+A neighbour's displacement is computed here once more, from the neighbour's bytes: so it is part of the station's state,
+and a station needs nothing of another one but its archived stream, wherever that one is processed.
 
 What a mode does with epochs and samples is in :mod:`plumbline.modes`. Live traffic, the replay of an archive and an
 offline reprocessing all run this. Chunks come in the order of their receive times; what leaves depends on them alone.
@@ -18,13 +22,13 @@ from typing import Final
 import numpy as np
 
 from plumbline import modes
-from plumbline.alerts import rules
-from plumbline.config import StationSettings
+from plumbline.config import Mode, StationSettings
 from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.epochs.time_base import TimeBase
 from plumbline.gps_time import NS_PER_S, WEEK_NS
+from plumbline.judgement import Judge, JudgementState
 from plumbline.modes.context import Outcome
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
@@ -36,7 +40,6 @@ from plumbline.records import (
     Epoch,
     InertialBlock,
     Output,
-    QualityReport,
     Solution,
     StationStatus,
     Threshold,
@@ -60,7 +63,8 @@ class PipelineState:
     books: Books = field(default_factory=Books)  # from the station's own stream
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
     mode: object = None  # the mode's own
-    alerts: rules.AlertsState = field(default_factory=rules.AlertsState)
+    judgement: JudgementState = field(default_factory=JudgementState)
+    neighbours: "dict[str, PipelineState]" = field(default_factory=dict)
     held: list[tuple[Observations | InertialMessage, int]] = field(default_factory=list)
     base_offset_ns: int | None = None  # of the time base that the series rests on
     counters: Counter[str] = field(default_factory=Counter)
@@ -71,7 +75,9 @@ class PipelineState:
 
 
 class Pipeline:
-    """One station. ``books`` are shared; ``source``, where given, replaces them (precise products, offline)."""
+    """One station. ``books`` are shared; ``source``, where given, replaces them (precise products, offline);
+    ``neighbours`` are the settings of those that the station's own name.
+    """
 
     def __init__(
         self,
@@ -79,21 +85,29 @@ class Pipeline:
         thresholds: Sequence[Threshold],
         books: Books,
         source: SatelliteSource | None = None,
+        neighbours: Sequence[StationSettings] = (),
     ) -> None:
         self.settings = settings
-        self.thresholds = tuple(thresholds)
+        self._judge = Judge(settings, thresholds, books, neighbours)
+        self._neighbours = {n.station: Pipeline(_as_witness(n), (), books) for n in neighbours}
         self._shared = books
         self._facts: StationFacts | None = None
         self._deadline_ns = round(settings.epoch_deadline_s * NS_PER_S)
         self.state = PipelineState(StreamDecoder(settings.device.inertial_message))
         self._given_source = source
         self._context = modes.Context(settings, books, source or self._books_source(), self._facts_at)
-        self._begin_mode()
+        self._adopt(self.state)
 
-    def _begin_mode(self) -> None:
-        """The mode's processor, from the state that there is."""
-        self._mode = modes.start(self._context, self.state.mode)
-        self.state.mode = self._mode.state
+    def _adopt(self, state: PipelineState) -> None:
+        """Go on from a state: the mode, the judgement and the neighbours from theirs in it."""
+        self.state = state
+        self._context.source = self._given_source or self._books_source()
+        self._mode = modes.start(self._context, state.mode)
+        state.mode = self._mode.state
+        self._judge.resume(state.judgement)
+        for name, neighbour in self._neighbours.items():
+            neighbour._adopt(state.neighbours.get(name, neighbour.state))
+        state.neighbours = {name: neighbour.state for name, neighbour in self._neighbours.items()}
 
     # ---------------------------------------------------------------------------------------- inputs
 
@@ -103,6 +117,17 @@ class Pipeline:
         for message in self.state.decoder.receive(data):
             outputs += self._message(message, t_receive_ns)
         return outputs + self._status(t_receive_ns)
+
+    def receive_neighbour(self, name: str, data: bytes, t_receive_ns: int) -> list[Output]:
+        """Take the next bytes of a neighbour's stream: what it shows speaks for or against what the station shows."""
+        outputs = self._advance_epochs(t_receive_ns)
+        self._hear(name, self._neighbours[name].receive(data, t_receive_ns))
+        return outputs + self._status(t_receive_ns)
+
+    def _hear(self, name: str, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Solution):
+                self._judge.said(self.state.judgement, name, output)
 
     def advance(self, t_receive_ns: int) -> list[Output]:
         """Time passes without data: close epochs that wait too long, and notice silence."""
@@ -114,6 +139,7 @@ class Pipeline:
         for assembler in self.state.assemblers.values():
             outputs += [o for epoch in assembler.flush() for o in self.process_epoch(epoch)]
         outputs += self._told(self._mode.advance(t_receive_ns + self._deadline_ns + WEEK_NS))
+        outputs += self._judge.finish(self.state.judgement)
         return outputs + self._status(t_receive_ns)
 
     def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
@@ -130,19 +156,22 @@ class Pipeline:
 
     @classmethod
     def restore(
-        cls, settings: StationSettings, thresholds: Sequence[Threshold], books: Books, snapshot: bytes
+        cls,
+        settings: StationSettings,
+        thresholds: Sequence[Threshold],
+        books: Books,
+        snapshot: bytes,
+        neighbours: Sequence[StationSettings] = (),
     ) -> "Pipeline":
         """A pipeline that carries on where the snapshot was taken; one that cannot be read gives a fresh start."""
-        pipeline = cls(settings, thresholds, books)
+        pipeline = cls(settings, thresholds, books, neighbours=neighbours)
         try:
             state = pickle.loads(snapshot)
         except Exception as error:
             pipeline.state.counters[f"checkpoint_not_readable_{type(error).__name__}"] += 1
             return pipeline
         if isinstance(state, PipelineState):
-            pipeline.state = state
-            pipeline._context.source = pipeline._books_source()
-            pipeline._begin_mode()
+            pipeline._adopt(state)
         return pipeline
 
     # ---------------------------------------------------------------------------------------- the flow
@@ -198,6 +227,7 @@ class Pipeline:
         self.state.counters["time_base_moved_under_the_series"] += 1
         self.state.assemblers.clear()
         self._mode.begin_anew()
+        self._judge.resume(self.state.judgement, anew=True)
 
     def _assemble(self, message: Observations, t_gps_ns: int, t_receive_ns: int) -> list[Output]:
         if self._antenna_is_other(message.station):
@@ -229,9 +259,12 @@ class Pipeline:
         return True
 
     def _advance_epochs(self, t_receive_ns: int) -> list[Output]:
+        for name, neighbour in self._neighbours.items():
+            self._hear(name, neighbour.advance(t_receive_ns))
         epochs = [e for a in self.state.assemblers.values() for e in a.advance(t_receive_ns)]
         outputs = [output for epoch in epochs for output in self.process_epoch(epoch)]
-        return outputs + self._told(self._mode.advance(t_receive_ns))
+        outputs += self._told(self._mode.advance(t_receive_ns))
+        return [*outputs, *self._judge.advance(self.state.judgement, t_receive_ns)]
 
     def process_epoch(self, epoch: Epoch) -> list[Output]:
         """Position one epoch, whichever way it came, and pass the solution on."""
@@ -252,16 +285,7 @@ class Pipeline:
         for outcome in outcomes:
             if isinstance(outcome, Solution):
                 self.state.last_solution = outcome
-        return self._with_alerts(outcomes)
-
-    def _with_alerts(self, outputs: Sequence[Outcome | StationStatus]) -> list[Output]:
-        events: list[Output] = []
-        for output in outputs:
-            if isinstance(output, QualityReport):
-                continue
-            self.state.alerts, raised = rules.evaluate(self.state.alerts, self.thresholds, output)
-            events += raised
-        return [*outputs, *events]
+        return self._judge.told(self.state.judgement, outcomes)
 
     # ---------------------------------------------------------------------------------------- status
 
@@ -282,7 +306,7 @@ class Pipeline:
             n_satellites=solution.n_satellites if solution else 0,
             counters=self.counters,
         )
-        return self._with_alerts([status])
+        return [status, *self._judge.status(self.state.judgement, status)]
 
     def _health(self, t_receive_ns: int) -> tuple[str, str]:
         """State and reason: receiving means decoded observations, not an open socket."""
@@ -323,6 +347,12 @@ class Pipeline:
             own.corrections if own.has_corrections else shared.corrections,
             self.settings.positioning,
         )
+
+
+def _as_witness(settings: StationSettings) -> StationSettings:
+    """A neighbour's settings as far as its displacement needs them: no accelerometer, no witnesses of its own."""
+    mode = Mode.PPP if settings.mode is Mode.PPP_ACCEL else settings.mode
+    return settings.model_copy(update={"mode": mode, "neighbours": ()})
 
 
 def _time_of(message: Observations | InertialMessage, t_receive_ns: int) -> int:

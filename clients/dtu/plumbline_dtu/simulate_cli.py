@@ -16,7 +16,7 @@ from plumbline_dtu.device import DeviceOptions, bytes_of, parse_address, tls_con
 from plumbline_dtu.simulation.accelerometer import Accelerometer, sca3300, wang_2023
 from plumbline_dtu.simulation.constellation import WALKERS, Constellation
 from plumbline_dtu.simulation.live import Scenario, run_live, write_files
-from plumbline_dtu.simulation.motion import parse_motion
+from plumbline_dtu.simulation.motion import Motion, parse_motion
 from plumbline_dtu.simulation.station import Errors, StationPlan
 
 _PLACE = (55.5700, 12.8500, 60.0)  # degrees, degrees, metres: a bridge over a sound
@@ -34,6 +34,13 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="NAME[@LAT,LON,HEIGHT][=MOTION]",
         help="may be repeated; MOTION: static, sine:e,0.01,0.5, burst:n,0.025,0.3,40,20, step:0.02,0,0@60, file:PATH@9",
+    )
+    parser.add_argument(
+        "--receiver-motion",
+        action="append",
+        default=[],
+        metavar="NAME=MOTION",
+        help="may be repeated: what the receiver of a station shows though nothing moves, neither in truth nor felt",
     )
     parser.add_argument("--registration", default="{name}\\r\\n", help="{name}: the stream's name")
     parser.add_argument("--corrections", default="corrections", metavar="NAME", help="'' for none")
@@ -76,6 +83,9 @@ def _simulate(parsed: argparse.Namespace) -> int:
         start_ns = gps_ns_from_utc(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
     texts = parsed.station or ["station-1"]
     plans = [_plan(parsed, text, k, start_ns) for k, text in enumerate(texts)]
+    unknown = {text.partition("=")[0] for text in parsed.receiver_motion} - {plan.name for plan in plans}
+    if unknown:
+        raise ConfigurationError(f"--receiver-motion: no station {', '.join(sorted(unknown))}")
     constellation = Constellation(start_ns // WEEK_NS * WEEK_NS, parsed.systems, parsed.seed)
     scenario = Scenario(plans, constellation, parsed.corrections or None, parsed.correction_interval)
     if parsed.out:
@@ -115,6 +125,7 @@ def _plan(parsed: argparse.Namespace, text: str, index: int, start_ns: int) -> S
         name=name,
         marker_ecef_m=marker_ecef_m(latitude, longitude, height_m),
         motion=parse_motion(motion or "static", start_ns),
+        antenna_motion=_receiver_motion(parsed.receiver_motion, name, start_ns),
         errors=Errors(
             parsed.code_noise,
             parsed.phase_noise,
@@ -131,6 +142,12 @@ def _plan(parsed: argparse.Namespace, text: str, index: int, start_ns: int) -> S
         station_id=index + 1,
         seed=seed,
     )
+
+
+def _receiver_motion(texts: list[str], name: str, start_ns: int) -> Motion:
+    """What is shown by the receiver of a station alone."""
+    named = dict(text.partition("=")[::2] for text in texts)
+    return parse_motion(named.get(name, "static"), start_ns)
 
 
 def _sensor(kind: str, rate_hz: int, seed: int) -> Accelerometer | None:

@@ -42,6 +42,7 @@ class Judgement:
     clears: bool  # below the level by the dead band, throughout
     value: float  # the peak
     t_receive_ns: int
+    text: str = ""  # what an alert says instead of value and level
 
 
 def step(state: ThresholdState, threshold: Threshold, judged: Judgement) -> tuple[ThresholdState, list[AlertEvent]]:
@@ -88,6 +89,10 @@ def _event(
 ) -> AlertEvent:
     verb = "exceeds" if kind is AlertState.ACTIVE else "is back below"
     quantity = threshold.quantity
+    words = (
+        f"{name_in_words(quantity)} of {threshold.station}: {in_words(quantity, judged.value)} {verb} "
+        f"{in_words(quantity, threshold.level)}"
+    )
     return AlertEvent(
         alert_id=alert_id(threshold.station, threshold.threshold_id, state.t_onset_gps_ns),
         station=threshold.station,
@@ -100,6 +105,5 @@ def _event(
         quantity=threshold.quantity,
         value=judged.value,
         level=threshold.level,
-        text=f"{name_in_words(quantity)} of {threshold.station}: {in_words(quantity, judged.value)} {verb} "
-        f"{in_words(quantity, threshold.level)}",
+        text=judged.text or words,
     )

@@ -30,6 +30,7 @@ RATE: Final = "displacement_rate"
 DATA_GAP: Final = "data_gap"  # seconds without a decoded epoch
 SOLUTION_AGE: Final = "solution_age"  # seconds since the last solution with a position
 HEALTH: Final = (DATA_GAP, SOLUTION_AGE)
+CONTRADICTED: Final = "contradicted_displacement"  # metres that a witness contradicts; raised without a threshold set
 
 QUANTITIES: Final[dict[str, str]] = {
     **{f"displacement_{c}": "m" for c in _COMPONENTS},
@@ -39,11 +40,18 @@ QUANTITIES: Final[dict[str, str]] = {
     DATA_GAP: "s",
     SOLUTION_AGE: "s",
 }
+#: Units of the quantities that data alerts are raised on: what thresholds can be set on, and what cannot.
+DATA_QUANTITIES: Final[dict[str, str]] = {DATA_GAP: "s", SOLUTION_AGE: "s", CONTRADICTED: "m"}
+
+
+def unit_of(quantity: str) -> str:
+    """The SI unit of a quantity; empty for an unknown one."""
+    return QUANTITIES.get(quantity, DATA_QUANTITIES.get(quantity, ""))
 
 
 def in_words(quantity: str, value: float) -> str:
     """A value as an alert's text gives it: lengths in millimetres, three digits, with its unit."""
-    unit = QUANTITIES[quantity]
+    unit = unit_of(quantity)
     if unit.startswith("m"):
         value, unit = value * 1e3, f"m{unit}"
     return f"{value:.3g} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"

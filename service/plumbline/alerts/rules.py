@@ -6,6 +6,7 @@ What a false alarm would come from, and what stands against it:
   solution (``TRUSTED``). While a station converges, coasts without GNSS or refuses its solutions, a threshold on them
   keeps the phase it has: nothing is raised, and nothing is cleared either. An acceleration is the sensor's own and
   judged wherever the block has one: the fusion gives none until it knows the sensor's bias.
+- *a displacement that is the receiver's*: where a witness contradicts it (``doubted``), a threshold keeps its phase.
 - *noise*: a displacement counts only where it is ``SIGNIFICANCE`` sigmas from zero, so a level below what the station
   can see does not flap. Where the station is good (3 sigma below the level) the level is the level.
 - *a block that is revised*: event time only moves on. A block that was judged is not judged again; one that could not
@@ -48,18 +49,23 @@ class AlertsState:
     t_epoch_receive_ns: int | None = None  # … and when it first did
     t_position_receive_ns: int | None = None  # of the last solution with a position
     t_begin_receive_ns: int | None = None  # of the first record at all
+    faults: Mapping[str, ThresholdState] = field(default_factory=dict)  # data alerts' phases, by kind
     means: tuple[tuple[int, float, float, float], ...] = ()  # block means of the last RATE_WINDOW_S: t, E, N, U
 
 
 def evaluate(
-    state: AlertsState, thresholds: Iterable[Threshold], record: Motion | Solution | StationStatus
+    state: AlertsState,
+    thresholds: Iterable[Threshold],
+    record: Motion | Solution | StationStatus,
+    doubted: bool = False,
 ) -> tuple[AlertsState, list[AlertEvent]]:
     """Judge one record of a station against that station's thresholds; those of others and the disabled are passed
     over.
 
     Motion judges motion; StationStatus, which comes about once a second whatever happens, judges silence; Solution is
-    remembered. A threshold that is removed, disabled or of an unknown quantity forgets its phase (the shell clears its
-    alert). Thresholds are judged in the order of their ids.
+    remembered. ``doubted``: the displacement of a motion is contradicted by a witness. A threshold that is removed,
+    disabled or of an unknown quantity forgets its phase (the shell clears its alert). Thresholds are judged in the
+    order of their ids.
     """
     own = sorted(
         (t for t in thresholds if t.station == record.station and t.enabled and t.quantity in QUANTITIES),
@@ -75,8 +81,10 @@ def evaluate(
         if record.last_epoch_gps_ns != state.t_epoch_gps_ns:
             state = replace(state, t_epoch_gps_ns=record.last_epoch_gps_ns, t_epoch_receive_ns=record.t_receive_ns)
         return _each(state, [t for t in own if t.quantity in HEALTH], record)
-    state = _with_mean(state, record)
-    return _each(state, [t for t in own if t.quantity not in HEALTH], record)
+    if not doubted:
+        state = _with_mean(state, record)
+    motion = [t for t in own if t.quantity not in HEALTH and not (doubted and needs_gnss(t.quantity))]
+    return _each(state, motion, record)
 
 
 def _each(

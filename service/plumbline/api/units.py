@@ -7,7 +7,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, AwareDatetime
 
-from plumbline.alerts.quantities import QUANTITIES
+from plumbline.alerts.quantities import unit_of
 from plumbline.config import Vector3
 from plumbline.gnss.earth_frames import ecef_from_geodetic, geodetic_from_ecef
 from plumbline.gps_time import GPS_EPOCH_UTC, gps_ns_from_utc, unix_ns_from_gps, utc_from_gps
@@ -94,7 +94,7 @@ def warm_up() -> None:
 
 def unit_of_quantity(quantity: str) -> tuple[float, str]:
     """The factor from SI and the unit in which the API gives a threshold's quantity (unknown: as it is)."""
-    unit = QUANTITIES.get(quantity, "")
+    unit = unit_of(quantity)
     return _SCALES.get(unit, (1.0, unit))
 
 

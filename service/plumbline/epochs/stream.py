@@ -9,6 +9,7 @@ from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.base_book import BaseBook
 from plumbline.epochs.correction_book import CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
+from plumbline.epochs.reference_book import ReferenceBook
 from plumbline.epochs.time_base import TimeBase
 from plumbline.epochs.translate_ssr import SsrTranslator
 from plumbline.records import (
@@ -66,6 +67,7 @@ class Books:
     translators: dict[str, SsrTranslator] = field(default_factory=dict)  # by stream
     has_corrections: bool = False
     bases: dict[str, BaseBook] = field(default_factory=dict)  # by stream: observations that others use
+    references: dict[str, ReferenceBook] = field(default_factory=dict)  # by stream: whether those bases stand still
     settled_ns: int = 0  # questions as of this receive time or later get the answers of that time, earlier ones may not
     _weekless: list[tuple[Message, int]] = field(
         default_factory=list

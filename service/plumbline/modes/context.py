@@ -6,11 +6,21 @@ from typing import Protocol
 
 from plumbline.config import StationSettings
 from plumbline.epochs.stream import Books
+from plumbline.fusion import Innovation
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.records import Epoch, InertialBlock, Motion, QualityReport, Solution
 
-Outcome = Solution | Motion | QualityReport
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """What a solution says beyond what the accelerometer has felt: an innovation, and when the last input came."""
+
+    innovation: Innovation
+    t_receive_ns: int
+
+
+Outcome = Solution | Motion | QualityReport | Felt
 
 
 @dataclass(slots=True)

@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from plumbline import fusion
 from plumbline.config import StationSettings
 from plumbline.estimation.dia_window import equivalent
 from plumbline.gps_time import NS_PER_S
+from plumbline.modes.context import Felt
 from plumbline.positioning.facts import Vector3
 from plumbline.records import InertialBlock, Motion, QualityReport, Solution
 
@@ -16,18 +19,31 @@ _AXES: Final = ("east", "north", "up")
 
 def receive_solution(
     state: fusion.FusionState | None, solution: Solution, settings: StationSettings, adopted: Vector3 | None
-) -> tuple[fusion.FusionState, list[Motion]]:
+) -> tuple[fusion.FusionState, list[Motion | Felt]]:
     """Motion after a solution; ``adopted``: the reference position where the settings give none."""
     result = fusion.receive_solution(begun(state, settings, adopted), solution, settings.fusion)
-    return result.state, result.motions
+    return result.state, [*result.motions, *_felt(result, solution.t_receive_ns)]
 
 
 def receive_inertial(
     state: fusion.FusionState | None, block: InertialBlock, settings: StationSettings, adopted: Vector3 | None
-) -> tuple[fusion.FusionState, list[Motion]]:
+) -> tuple[fusion.FusionState, list[Motion | Felt]]:
     """Motion after a block of samples."""
     result = fusion.receive_inertial(begun(state, settings, adopted), block, settings.fusion)
-    return result.state, result.motions
+    return result.state, [*result.motions, *_felt(result, block.t_receive_ns)]
+
+
+def _felt(result: fusion.FusionResult, t_receive_ns: int) -> list[Felt]:
+    """The innovations of solutions up to whose time samples carried the motion."""
+    return [Felt(i, t_receive_ns) for i in result.innovations if _has_samples(result.state, i.t_gps_ns)]
+
+
+def _has_samples(state: fusion.FusionState, t_gps_ns: int) -> bool:
+    second = next((s for s in state.seconds if s.second == t_gps_ns // NS_PER_S), None)
+    if second is None or second.rate == 0:
+        return False
+    at = min(t_gps_ns % NS_PER_S * second.rate // NS_PER_S, second.filled - 1)
+    return at >= 0 and bool(np.isfinite(second.acceleration_m_s2[max(at - 1, 0) : at + 1]).all())
 
 
 def begun(state: fusion.FusionState | None, settings: StationSettings, adopted: Vector3 | None) -> fusion.FusionState:

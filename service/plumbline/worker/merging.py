@@ -10,6 +10,9 @@ meanwhile are kept aside for that, and an answer to a question asked before some
 nothing. A chunk whose offset is not the next one shows a gap: the stream goes back to being fetched, and nothing is
 lost. Archives are asked by receive time, as a power failure may shorten them.
 
+A station may follow other stations' streams beside its own (its neighbours'): each consumer of a stream has a cursor of
+its own on it, and gets the chunks of all its streams in the order of their receive times.
+
 When an ingest is gone, the streams of others do not wait for it. Its own do: what they lack is in its archive.
 """
 
@@ -17,6 +20,7 @@ import heapq
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from plumbline.bus.messages import ArchiveReply, Tick
 from plumbline.records import Chunk
@@ -25,12 +29,20 @@ NEVER_NS = 1 << 62
 MAX_PENDING_BYTES = 4 << 20
 
 
+class Delivery(NamedTuple):
+    """A chunk and the station that it is for: its own one, or another that follows it."""
+
+    consumer: str
+    chunk: Chunk
+
+
 @dataclass(slots=True)
 class Cursor:
-    """How far one stream of one archive has come."""
+    """How far one stream of one archive has come, for one consumer."""
 
     archive: str
-    station: str
+    station: str  # whose stream it is
+    consumer: str
     correction: bool
     last_ns: int  # receive time of the last chunk taken in
     complete_ns: int  # the receive time up to which, by what was fetched, nothing is missing
@@ -44,9 +56,9 @@ class Cursor:
     ahead_bytes: int = 0
 
     @property
-    def key(self) -> tuple[str, str]:
-        """(archive, station)."""
-        return self.archive, self.station
+    def key(self) -> tuple[str, str, str]:
+        """(archive, station, consumer)."""
+        return self.archive, self.station, self.consumer
 
     def keep_ahead(self, chunk: Chunk) -> None:
         """Keep a chunk for when the fetched ones reach it; of what is more than may be kept, the newest."""
@@ -66,44 +78,57 @@ class Merger:
     """See the module. Feed it with :meth:`offer`, :meth:`tick` and :meth:`fetched`; take from :meth:`release`."""
 
     def __init__(self) -> None:
-        self._cursors: dict[tuple[str, str], Cursor] = {}
-        self._by_station: dict[str, list[Cursor]] = {}
+        self._cursors: dict[tuple[str, str, str], Cursor] = {}
+        self._by_consumer: dict[str, list[Cursor]] = {}
+        self._by_stream: dict[tuple[str, str], list[Cursor]] = {}  # by (archive, station)
         self._corrections: list[Cursor] = []
-        self._catching_up: dict[tuple[str, str], Cursor] = {}
-        self._waiting: dict[tuple[str, str], Cursor] = {}  # those with pending chunks
+        self._catching_up: dict[tuple[str, str, str], Cursor] = {}
+        self._waiting: dict[tuple[str, str, str], Cursor] = {}  # those with pending chunks
         self._alive: set[str] = set()  # archives whose ingest is there
         self._clock_ns: dict[str, int] = {}  # by archive: the time that its ingest told last
         self._generation: dict[str, int] = {}
 
     # ----------------------------------------------------------------------------------------- streams
 
-    def follow(self, archive: str, station: str, *, correction: bool, from_ns: int) -> None:
-        """Begin a stream with the first chunk received after ``from_ns``, wherever in the archive that is."""
-        if (archive, station) in self._cursors:
+    def follow(
+        self, archive: str, station: str, *, correction: bool, from_ns: int, consumer: str | None = None
+    ) -> None:
+        """Begin a stream with the first chunk received after ``from_ns``, wherever in the archive that is.
+
+        ``consumer`` is the station that it is for; None: its own.
+        """
+        cursor = Cursor(archive, station, consumer or station, correction, last_ns=from_ns, complete_ns=from_ns)
+        if cursor.key in self._cursors:
             return
-        cursor = Cursor(archive, station, correction, last_ns=from_ns, complete_ns=from_ns)
         self._cursors[cursor.key] = cursor
-        self._by_station.setdefault(station, []).append(cursor)
+        self._by_consumer.setdefault(cursor.consumer, []).append(cursor)
+        self._by_stream.setdefault((archive, station), []).append(cursor)
         if correction:
             self._corrections.append(cursor)
         self._catching_up[cursor.key] = cursor
 
-    def unfollow(self, station: str) -> None:
-        """Forget a stream in every archive."""
-        for cursor in self._by_station.pop(station, []):
+    def unfollow(self, consumer: str) -> None:
+        """Forget all that a consumer follows, in every archive."""
+        for cursor in self._by_consumer.pop(consumer, []):
             for index in (self._cursors, self._catching_up, self._waiting):
                 index.pop(cursor.key, None)
+            self._by_stream[cursor.archive, cursor.station].remove(cursor)
             if cursor.correction:
                 self._corrections.remove(cursor)
 
+    def is_followed(self, station: str) -> bool:
+        """Whether anybody follows a station's stream."""
+        return any(cursors for (_, stream), cursors in self._by_stream.items() if stream == station)
+
     def clear(self) -> None:
         """Forget every stream; the ingests stay known."""
-        for station in list(self._by_station):
-            self.unfollow(station)
+        for consumer in list(self._by_consumer):
+            self.unfollow(consumer)
 
     def consumed(self, station: str) -> dict[str, int]:
-        """Archive → offset behind the last byte released, of a stream."""
-        return {c.archive: c.consumed_offset for c in self._by_station.get(station, ()) if c.next_offset is not None}
+        """Archive → offset behind the last byte of a station's own stream that was released to it."""
+        own = (c for c in self._by_consumer.get(station, ()) if c.station == station)
+        return {c.archive: c.consumed_offset for c in own if c.next_offset is not None}
 
     @property
     def archives(self) -> tuple[str, ...]:
@@ -139,8 +164,9 @@ class Merger:
 
     def offer(self, chunk: Chunk) -> None:
         """A chunk as published live."""
-        cursor = self._cursors.get((chunk.archive, chunk.station))
-        if cursor is not None and chunk.t_receive_ns > cursor.last_ns:
+        for cursor in self._by_stream.get((chunk.archive, chunk.station), ()):
+            if chunk.t_receive_ns <= cursor.last_ns:
+                continue
             if cursor.live and chunk.offset == cursor.next_offset and cursor.pending_bytes < MAX_PENDING_BYTES:
                 self._take(cursor, chunk)
             else:
@@ -226,7 +252,7 @@ class Merger:
 
     def idle_until_ns(self, station: str) -> int | None:
         """The receive time up to which a station has no byte unprocessed; None where it has, or nobody can tell."""
-        cursors = self._by_station.get(station, ())
+        cursors = self._by_consumer.get(station, ())
         alive = [cursor for cursor in cursors if cursor.archive in self._alive]
         if not alive or any(cursor.pending for cursor in cursors):
             return None
@@ -243,15 +269,19 @@ class Merger:
         )
 
     def release(self, limit: int = 1000) -> Iterator[Chunk]:
+        """The chunks of :meth:`deliver` alone."""
+        return (delivery.chunk for delivery in self.deliver(limit))
+
+    def deliver(self, limit: int = 1000) -> Iterator[Delivery]:
         """Chunks that may be processed now, in order, about ``limit``; each counts as consumed when it is yielded."""
         released, before = 0, -1
         while self._waiting and before < released < limit:
             before = released
-            for chunk in self._pass():
+            for delivery in self._pass():
                 released += 1
-                yield chunk
+                yield delivery
 
-    def _pass(self) -> Iterator[Chunk]:
+    def _pass(self) -> Iterator[Delivery]:
         """What may be released by the bounds as they are now, in order; releasing it can widen them."""
         bounds = {archive: self._bounds(archive) for archive in {cursor.archive for cursor in self._waiting.values()}}
         heap = [(cursor.pending[0].t_receive_ns, not cursor.correction, key) for key, cursor in self._waiting.items()]
@@ -265,7 +295,7 @@ class Merger:
             if t_ns > (correction_limit_ns if cursor.correction else complete_ns):
                 return  # whatever comes later in time has to wait for it
             if cursor.correction or t_ns <= self._siblings_ns(cursor):
-                yield self._consume(cursor)
+                yield Delivery(cursor.consumer, self._consume(cursor))
                 if cursor.pending:
                     heapq.heappush(heap, (cursor.pending[0].t_receive_ns, not cursor.correction, key))
 
@@ -285,6 +315,6 @@ class Merger:
         return chunk
 
     def _siblings_ns(self, cursor: Cursor) -> int:
-        """The receive time up to which a station's streams in other archives are complete."""
-        siblings = (c for c in self._by_station[cursor.station] if c is not cursor and not c.pending)
+        """The receive time up to which the other streams of a consumer are complete."""
+        siblings = (c for c in self._by_consumer[cursor.consumer] if c is not cursor and not c.pending)
         return min((self._frontier_ns(c, cursor.archive) for c in siblings), default=NEVER_NS)

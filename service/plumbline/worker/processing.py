@@ -1,11 +1,10 @@
 """What a worker does with bytes, as the pipeline gives it: the one place where the two meet."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from plumbline.config import StationSettings
-from plumbline.records import Output, Threshold
+from plumbline.records import Output
 
 
 class StationPipeline(Protocol):
@@ -13,6 +12,9 @@ class StationPipeline(Protocol):
 
     def receive(self, data: bytes, t_receive_ns: int) -> list[Output]:
         """The station's next bytes."""
+
+    def receive_neighbour(self, name: str, data: bytes, t_receive_ns: int) -> list[Output]:
+        """The next bytes of a neighbour's stream."""
 
     def advance(self, t_receive_ns: int) -> list[Output]:
         """Time passes; nothing more has come up to it."""
@@ -41,12 +43,13 @@ class Processing:
 
     new_books: Callable[[], Any]
     new_feed: Callable[[str, Any], Feed]
-    new_pipeline: Callable[[StationSettings, Sequence[Threshold], Any], StationPipeline]
-    restore_pipeline: Callable[[StationSettings, Sequence[Threshold], Any, bytes], StationPipeline]
+    new_pipeline: Callable[..., StationPipeline]  # (settings, thresholds, books, *, neighbours)
+    restore_pipeline: Callable[..., StationPipeline]  # (settings, thresholds, books, snapshot, *, neighbours)
 
 
 def real_processing() -> Processing:
     """The pipeline."""
-    from plumbline.pipeline import Books, NavigationFeed, Pipeline
+    from plumbline.pipeline import Books, Pipeline
+    from plumbline.quality.reference_feed import ReferenceFeed
 
-    return Processing(Books, NavigationFeed, Pipeline, Pipeline.restore)
+    return Processing(Books, ReferenceFeed, Pipeline, Pipeline.restore)

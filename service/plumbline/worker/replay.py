@@ -1,6 +1,6 @@
 """An archive through the pipelines again: what live processing made of it, row for row."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from plumbline.archive import Archive, replay
 from plumbline.bus.messages import StationConfig
@@ -31,15 +31,24 @@ def replay_archive(
     present = [config for config in configs if config.settings is not None]
     corrections = [c.station for c in present if c.settings and c.settings.mode is Mode.CORRECTIONS]
     books.restore((), corrections, needed_ns=0)
+    stations = {c.station: c for c in present if c.station not in corrections}
     runners = {
-        c.station: StationRunner(processing, c, books.books, None) for c in present if c.station not in corrections
+        name: StationRunner(processing, c, books.books, None, _named(c, stations)) for name, c in stations.items()
     }
     last_ns = 0
     for chunk in replay(archive, [config.station for config in present], from_ns, to_ns):
         last_ns = chunk.t_receive_ns
         if chunk.station in books:
             books.receive(chunk)
-        else:
-            yield from runners[chunk.station].receive(chunk)
+            continue
+        for name, runner in runners.items():
+            if chunk.station == name or chunk.station in runner.neighbours:
+                yield from runner.receive(chunk)
     for runner in runners.values():
         yield from runner.advance(last_ns + QUIET_NS)
+
+
+def _named(config: StationConfig, stations: Mapping[str, StationConfig]) -> list[StationConfig]:
+    """The neighbours that a station's settings name."""
+    names = config.settings.neighbours if config.settings is not None else ()
+    return [stations[name] for name in names if name in stations and name != config.station]

@@ -3,6 +3,7 @@
 import logging
 import secrets
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from plumbline.bus import codec, keys
@@ -19,21 +20,54 @@ def new_run() -> str:
     return secrets.token_hex(8)
 
 
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Settings that a pipeline works under: the station's own and its neighbours'."""
+
+    settings: StationSettings
+    neighbours: tuple[StationSettings, ...] = ()
+    changed_ns: int = field(default=0, compare=False)  # the latest change of any of them, GPS ns
+
+    @classmethod
+    def of(cls, config: StationConfig, neighbours: Sequence[StationConfig]) -> "Setup":
+        """Of a station that exists, and of those of its neighbours that do."""
+        if config.settings is None:
+            raise ValueError(f"station {config.station} is deleted")
+        present = tuple(n.settings for n in neighbours if n.settings is not None)
+        return cls(config.settings, present, max(c.changed_gps_ns for c in (config, *neighbours)))
+
+    @classmethod
+    def from_json(cls, settings: str, neighbours: Sequence[str], changed_ns: int) -> "Setup":
+        """Inverse of :meth:`to_json`."""
+        read = StationSettings.model_validate_json
+        return cls(read(settings), tuple(read(text) for text in neighbours), changed_ns)
+
+    def to_json(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        return {
+            "settings": self.settings.model_dump_json(),
+            "neighbours": [n.model_dump_json() for n in self.neighbours],
+        }
+
+
 class StationRunner:
     """A station from a checkpoint on. Every message that it makes is counted within its run."""
 
     def __init__(
-        self, processing: Processing, config: StationConfig, books: Any, checkpoint: CheckpointMessage | None
+        self,
+        processing: Processing,
+        config: StationConfig,
+        books: Any,
+        checkpoint: CheckpointMessage | None,
+        neighbours: Sequence[StationConfig] = (),
     ) -> None:
-        if config.settings is None:
-            raise ValueError(f"station {config.station} is deleted")
         self.config = config
         self.consumed_ns = checkpoint.t_receive_ns if checkpoint else 0
         self._processing = processing
         self._books = books
         self._run, self._number = new_run(), 0
-        self._change: StationConfig | None = None
-        self._settings: StationSettings = config.settings
+        self._coming: tuple[StationConfig, Setup] | None = None
+        self._setup = Setup.of(config, neighbours)
         self.failures = 0
         self.unsaved = False
         self._unproven = checkpoint is not None  # a state that was restored and has given no solution yet
@@ -42,34 +76,53 @@ class StationRunner:
     def _start(self, checkpoint: CheckpointMessage | None) -> StationPipeline:
         """A pipeline as it was, under the settings of that time; a change since then comes when its time does."""
         if checkpoint is None:
-            return self._processing.new_pipeline(self._settings, self.config.thresholds, self._books)
+            return self._fresh()
         state = codec.decode(checkpoint.state)
-        then = StationSettings.model_validate_json(state["settings"])
-        if then != self._settings and self.config.changed_gps_ns > self.consumed_ns:
-            self._change, self._settings = self.config, then
+        then = Setup.from_json(state["settings"], state.get("neighbours", ()), self._setup.changed_ns)
+        if then != self._setup and self._setup.changed_ns > self.consumed_ns:
+            self._coming, self._setup = (self.config, self._setup), then
         return self._restored(state["snapshot"])
 
-    def _restored(self, snapshot: bytes) -> StationPipeline:
-        return self._processing.restore_pipeline(self._settings, self.config.thresholds, self._books, snapshot)
+    def _fresh(self) -> StationPipeline:
+        setup = self._setup
+        return self._processing.new_pipeline(
+            setup.settings, self.config.thresholds, self._books, neighbours=setup.neighbours
+        )
 
-    def change(self, config: StationConfig) -> None:
+    def _restored(self, snapshot: bytes) -> StationPipeline:
+        setup = self._setup
+        return self._processing.restore_pipeline(
+            setup.settings, self.config.thresholds, self._books, snapshot, neighbours=setup.neighbours
+        )
+
+    @property
+    def neighbours(self) -> tuple[str, ...]:
+        """The stations whose streams the pipeline is to be given, now or when a change comes."""
+        coming = self._coming[1].neighbours if self._coming else ()
+        return tuple(dict.fromkeys(n.station for n in (*self._setup.neighbours, *coming)))
+
+    def change(self, config: StationConfig, neighbours: Sequence[StationConfig] = ()) -> None:
         """New settings or thresholds, to take effect behind the last byte received up to their time."""
-        self._change = config
+        if config.settings is not None:
+            self._coming = config, Setup.of(config, neighbours)
 
     def _apply_change(self, t_receive_ns: int) -> None:
-        change = self._change
-        if change is None or change.settings is None or t_receive_ns <= change.changed_gps_ns:
+        if self._coming is None or t_receive_ns <= self._coming[1].changed_ns:
             return
-        self.config, self._settings, self._change = change, change.settings, None
+        (self.config, self._setup), self._coming = self._coming, None
         self._pipeline = self._restored(self._pipeline.snapshot())
         self.unsaved = True
 
     def receive(self, chunk: Chunk) -> list[Output]:
-        """The station's next bytes."""
+        """The next bytes of the station, or of a neighbour."""
         self._apply_change(chunk.t_receive_ns)
         self.consumed_ns = chunk.t_receive_ns
         self.unsaved = True
-        return self._guarded(lambda pipeline: pipeline.receive(chunk.data, chunk.t_receive_ns))
+        if chunk.station == self.config.station:
+            return self._guarded(lambda pipeline: pipeline.receive(chunk.data, chunk.t_receive_ns))
+        if all(chunk.station != n.station for n in self._setup.neighbours):
+            return []  # of one to come
+        return self._guarded(lambda pipeline: pipeline.receive_neighbour(chunk.station, chunk.data, chunk.t_receive_ns))
 
     def advance(self, t_receive_ns: int) -> list[Output]:
         """Nothing more has come up to a time."""
@@ -97,7 +150,7 @@ class StationRunner:
                 return []
             log.error("station %s: its saved state cannot be used; it begins afresh", self.config.station)
             self._unproven = False
-            self._pipeline = self._processing.new_pipeline(self._settings, self.config.thresholds, self._books)
+            self._pipeline = self._fresh()
             return self._guarded(work)
         self._unproven = self._unproven and not any(isinstance(output, Solution) for output in outputs)
         return outputs
@@ -114,7 +167,7 @@ class StationRunner:
 
     def checkpoint(self, consumed: Mapping[str, int]) -> tuple[str, bytes]:
         """(key, payload) of the state behind everything sent so far."""
-        state = codec.encode({"settings": self._settings.model_dump_json(), "snapshot": self._pipeline.snapshot()})
+        state = codec.encode({**self._setup.to_json(), "snapshot": self._pipeline.snapshot()})
         message = CheckpointMessage(self.config.station, self.consumed_ns, state, dict(consumed))
         self.unsaved = False
         return keys.of(keys.CHECKPOINT, self.config.station), self._numbered(encode_fields(message))

@@ -64,7 +64,7 @@ class Worker:
         self._workers: set[str] = set()
         self._store_seen = False
         self._subscriptions: dict[str, Callable[[], None]] = {}
-        self._fetching: set[tuple[str, str]] = set()
+        self._fetching: set[tuple[str, str, str]] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_checkpoint_s: dict[str, float] = {}
         self._advanced_ns = 0
@@ -173,7 +173,9 @@ class Worker:
             return
         self._merger.ingest_came(archive)
         for station, runner in self._runners.items():
-            self._merger.follow(archive, station, correction=False, from_ns=self._begin_ns(runner))
+            for stream in (station, *runner.neighbours):
+                from_ns = self._begin_ns(runner)
+                self._merger.follow(archive, stream, correction=False, from_ns=from_ns, consumer=station)
         for stream, from_ns in self._books.streams().items():
             self._merger.follow(archive, stream, correction=True, from_ns=from_ns)
 
@@ -196,10 +198,30 @@ class Worker:
         corrections = {c.settings.mode for c in (before, config) if c and c.settings}
         if Mode.CORRECTIONS in corrections and (before is None or corrections != {Mode.CORRECTIONS}):
             self._must_restart = True
-        runner = self._runners.get(config.station)
-        if runner is not None and config.settings is not None:
-            runner.change(config)
+        self._setups_changed(config)
         self._disturb()
+
+    def _setups_changed(self, changed: StationConfig) -> None:
+        """Tell the station of its change, and those that have it for a neighbour; other streams: open them again."""
+        for station, runner in list(self._runners.items()):
+            config = self._configs.get(station)
+            if config is None or changed.station not in (station, *_neighbours(config)):
+                continue
+            before = runner.neighbours
+            runner.change(config, self._neighbours_of(config, changed))
+            if runner.neighbours != before:
+                self._save(station)
+                self._drop(station)
+
+    def _neighbours_of(self, config: StationConfig, changed: StationConfig | None = None) -> list[StationConfig]:
+        """The neighbours that a station's settings name, as far as there are such stations.
+
+        ``changed`` may be one that is deleted: then it is what changed.
+        """
+        found = [self._configs.get(name) for name in _neighbours(config)]
+        named = [c for c in found if c is not None and not self._is_correction(c.station)]
+        deleted = changed is not None and changed.settings is None and changed.station != config.station
+        return [*named, changed] if changed is not None and deleted else named
 
     def _rewind(self, station: str) -> None:
         """The store has missed something of a station: drop it unsaved, to be opened again."""
@@ -270,27 +292,31 @@ class Worker:
             config = self._configs.get(station)
             if config is None or station in self._runners:
                 continue
-            runner = StationRunner(self._processing, config, self._books.books, checkpoint)
+            neighbours = self._neighbours_of(config)
+            runner = StationRunner(self._processing, config, self._books.books, checkpoint, neighbours)
             self._runners[station] = runner
             self._next_checkpoint_s[station] = time.monotonic() + interval_s * (0.5 + 0.5 * (n + 1) / len(checkpoints))
-            self._follow(station, False, self._begin_ns(runner))
+            for stream in (station, *runner.neighbours):
+                self._follow(stream, False, self._begin_ns(runner), consumer=station)
 
     def _begin_ns(self, runner: StationRunner) -> int:
         """Bytes received up to this time are not for the runner: consumed, or older than the station."""
         return runner.consumed_ns or runner.config.created_gps_ns
 
-    def _follow(self, station: str, correction: bool, from_ns: int) -> None:
+    def _follow(self, station: str, correction: bool, from_ns: int, consumer: str | None = None) -> None:
         """Subscribe first and ask the archives second, so that there is no moment between them."""
         if station not in self._subscriptions:
             self._subscriptions[station] = self._bus.subscribe(keys.of(keys.RAW, station), self._inbox)
         for archive in self._merger.archives:
-            self._merger.follow(archive, station, correction=correction, from_ns=from_ns)
+            self._merger.follow(archive, station, correction=correction, from_ns=from_ns, consumer=consumer)
 
     def _drop(self, station: str) -> None:
         """Forget a station without saving it."""
-        self._runners.pop(station, None)
+        runner = self._runners.pop(station, None)
         self._merger.unfollow(station)
-        self._unsubscribe(station)
+        for stream in {station, *(runner.neighbours if runner else ())}:
+            if not self._merger.is_followed(stream):
+                self._unsubscribe(stream)
 
     def _unsubscribe(self, station: str) -> None:
         end = self._subscriptions.pop(station, None)
@@ -362,22 +388,22 @@ class Worker:
         n = 0
         if self._must_restart:
             return False  # whatever is at hand will be computed again, from the right state
-        for chunk in self._merger.release(CHUNKS_AT_A_TIME):
+        for consumer, chunk in self._merger.deliver(CHUNKS_AT_A_TIME):
             n += 1
-            if chunk.station in self._books:
+            if consumer in self._books:
                 self._books.receive(chunk)
-            elif not self._station_chunk(chunk):
+            elif not self._station_chunk(consumer, chunk):
                 return False
         self._advance()
         return n >= CHUNKS_AT_A_TIME
 
-    def _station_chunk(self, chunk: Chunk) -> bool:
-        """Process a station's chunk; False when the books are too far ahead of it, so that all must begin again."""
+    def _station_chunk(self, station: str, chunk: Chunk) -> bool:
+        """Process a chunk for a station; False when the books are too far ahead of it, so that all must begin again."""
         if chunk.t_receive_ns < self._books.answers_from_ns():
-            log.info("the books are ahead of %s: beginning again", chunk.station)
+            log.info("the books are ahead of %s: beginning again", station)
             self._must_restart = self._unsettled = True
             return False
-        runner = self._runners.get(chunk.station)
+        runner = self._runners.get(station)
         if runner is not None:
             self.counters["chunks"] += 1
             self._publish(runner, runner.receive(chunk))
@@ -433,3 +459,9 @@ class Worker:
         failures = sum(runner.failures for runner in self._runners.values())
         counters = gauges | {"failures": failures} | dict(self.counters)
         return encode_fields(Report("worker", self.worker_id, counters, {}))
+
+
+def _neighbours(config: StationConfig) -> tuple[str, ...]:
+    """The stations that a station's settings name as its neighbours, but for itself."""
+    names = config.settings.neighbours if config.settings is not None else ()
+    return tuple(name for name in names if name != config.station)

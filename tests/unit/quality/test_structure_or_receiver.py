@@ -16,10 +16,11 @@ STEP = np.array([0.05, 0.0, 0.0])
 
 
 def test_the_accelerometer_is_asked() -> None:
-    assert contradicted_by_accelerometer(np.array([1.0, 2.0, 0.5])) is None
-    found = contradicted_by_accelerometer(np.array([9.0, 0.0, 0.0]))
+    assert contradicted_by_accelerometer(np.array([1.0, 2.0, 0.5]), STEP, STEP) is None
+    found = contradicted_by_accelerometer(np.array([9.0, 0.0, 0.0]), STEP, STEP)
     assert found is not None
-    assert "9.0 sigma" in found.reason
+    assert "felt nothing of 50 mm" in found.reason
+    assert contradicted_by_accelerometer(np.array([9.0, 0.0, 0.0]), 0.1 * STEP, STEP) is None  # it felt nine tenths
 
 
 def test_what_only_one_antenna_shows_is_its_own() -> None:

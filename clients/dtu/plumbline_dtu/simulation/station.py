@@ -63,6 +63,7 @@ class StationPlan:
     name: str
     marker_ecef_m: tuple[float, float, float]
     motion: Motion = field(default_factory=static)
+    antenna_motion: Motion = field(default_factory=static)  # that only the receiver shows: nothing else moves with it
     errors: Errors = Errors()
     epoch_rate_hz: int = 1
     accelerometer: Accelerometer | None = None
@@ -101,7 +102,9 @@ class Receiver:
         leap_s = gps_minus_utc_s(t_gps_ns)
         sun, moon = sun_moon_ecef(t_gps_ns, leap_s)
         tide = solid_earth_tide_ecef_m(self._marker, sun, moon, t_gps_ns, leap_s)
-        offset = self._plan.motion(np.array([t_gps_ns])).displacement_m[0] + [0.0, 0.0, self._plan.antenna_height_m]
+        at = np.array([t_gps_ns])
+        moved = self._plan.motion(at).displacement_m[0] + self._plan.antenna_motion(at).displacement_m[0]
+        offset = moved + np.array([0.0, 0.0, self._plan.antenna_height_m])
         point: Floats = self._marker + tide + self._enu.T @ offset
         return point
 
