@@ -100,7 +100,7 @@ def run(
     ticks: random.Random | None = None,
     restart_at: int | None = None,
 ) -> Seen:
-    """Station ``station`` with its neighbours; ``ticks``: time passes now and then without data; a restart at a piece."""
+    """A station with its neighbours; ``ticks``: time passes now and then without data; a restart at a piece."""
     books, seen = Books(), Seen()
     feeds = {name: ReferenceFeed(name, books) for name in ("corrections", "base")}
     pipeline = Pipeline(station, (THRESHOLD,), books, neighbours=neighbours)

@@ -24,11 +24,20 @@ def solution(t_ns: int) -> Solution:
 class OpenEpoch:
     """A pipeline reduced to its shape: bytes open an epoch, time closes it. Its state is the open epoch."""
 
-    def __init__(self, settings: StationSettings, thresholds: Sequence[Threshold], books: Any) -> None:
+    def __init__(
+        self,
+        settings: StationSettings,
+        thresholds: Sequence[Threshold],
+        books: Any,
+        neighbours: Sequence[StationSettings] = (),
+    ) -> None:
         self.opened_ns: int | None = None
 
     def receive(self, data: bytes, t_receive_ns: int) -> list[Output]:
         self.opened_ns = t_receive_ns
+        return []
+
+    def receive_neighbour(self, name: str, data: bytes, t_receive_ns: int) -> list[Output]:
         return []
 
     def advance(self, t_receive_ns: int) -> list[Output]:
@@ -44,7 +53,14 @@ class OpenEpoch:
         return pickle.dumps(self.opened_ns)
 
     @classmethod
-    def restore(cls, settings: StationSettings, thresholds: Sequence[Threshold], books: Any, state: bytes) -> Any:
+    def restore(
+        cls,
+        settings: StationSettings,
+        thresholds: Sequence[Threshold],
+        books: Any,
+        state: bytes,
+        neighbours: Sequence[StationSettings] = (),
+    ) -> Any:
         pipeline = cls(settings, thresholds, books)
         pipeline.opened_ns = pickle.loads(state)
         return pipeline
