@@ -4,7 +4,7 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
@@ -12,13 +12,13 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from plumbline import __version__
-from plumbline.config import AntennaMotion, Mode, read_server_settings
+from plumbline.config import AntennaMotion, Mode, StationSettings, read_server_settings
 from plumbline.errors import PlumblineError
 from plumbline.evaluation import command as evaluation
 from plumbline.files.imu import FORMATS as IMU_FORMATS
 from plumbline.gps_time import gps_ns_from_unix_ns
 from plumbline.offline_imu_options import add_options as add_imu_options
-from plumbline.offline_imu_options import inertial_settings
+from plumbline.offline_imu_options import further_antennas, inertial_settings, platform_settings
 
 _NEGATIVE_VECTOR = re.compile(r"-[\d.]+(e-?\d+)?,")
 ROLES = ("ingest", "worker", "store", "api")
@@ -169,38 +169,35 @@ def _serve(options: argparse.Namespace) -> int:
 
 
 def _process(options: argparse.Namespace) -> int:
-    from plumbline import offline
-
     if options.mode == "fuse":
         return _fuse(options)
-    if options.mode.startswith("rtk-imu"):
-        return _process_imu(options)
-    mode = Mode(options.mode)
     options.obs = [*options.obs, *options.rover]
+    mode = Mode(options.mode)
+    if mode is Mode.RTK_IMU_LOOSE and options.positions is not None:
+        return _process_positions(options)
     if not options.obs:
-        raise PlumblineError("--obs is needed in this mode")
-    if mode in (Mode.RTK, Mode.RTK_NETWORK) and not options.base:
+        raise PlumblineError(f"mode {mode} wants --rover (or --obs)")
+    if mode.value.startswith("rtk") and not options.base:
         raise PlumblineError(f"mode {mode} wants --base")
-    rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
-           "frequencies": options.frequencies}  # fmt: skip
-    if options.phase_sigma is not None:
-        rtk["phase_sigma_m"] = options.phase_sigma
-    settings = offline.settings_of(
-        mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
-        options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
-        _levels(options),
-    )  # fmt: skip
+    if mode.value.startswith("rtk-imu") and options.imu is None:
+        raise PlumblineError(f"mode {mode} wants --imu")
+    return _run_pipeline(options, _station_settings(options, mode, platform_settings(options)))
+
+
+def _run_pipeline(options: argparse.Namespace, settings: StationSettings) -> int:
+    from plumbline import offline, offline_csv
+
     request = offline.ProcessRequest(
         settings, tuple(options.obs), tuple(options.nav), tuple(options.ssr), tuple(options.sp3), tuple(options.clk),
         tuple(options.accel), tuple(options.pole_zero), gps_ns_from_unix_ns(time.time_ns()),
-        tuple(options.base),
+        tuple(options.base), further_antennas(options), options.imu, options.imu_format,
     )  # fmt: skip
     with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
         outputs = offline.run(request, partial(_advance, bar))
-    rows = offline.write_csv(options.output, outputs, mode)
+    rows = offline_csv.write_csv(options.output, outputs, settings.mode, options.every_sample)
     print(f"{options.output}: {rows} rows", file=sys.stderr)
     if options.quality_log is not None:
-        lines = offline.write_quality_log(options.quality_log, outputs)
+        lines = offline_csv.write_quality_log(options.quality_log, outputs)
         print(f"{options.quality_log}: {lines} epochs", file=sys.stderr)
     return 0
 
@@ -210,29 +207,34 @@ def _levels(options: argparse.Namespace) -> dict[str, float | None]:
     return {name: getattr(options, name) for name in ("test_significance", "test_power", "w_test_significance")}
 
 
-def _process_imu(options: argparse.Namespace) -> int:
-    from plumbline import offline, offline_imu
+def _station_settings(
+    options: argparse.Namespace, mode: Mode, platform: Mapping[str, object] | None = None
+) -> StationSettings:
+    from plumbline import offline
 
-    if options.imu is None:
-        raise PlumblineError(f"mode {options.mode} wants --imu")
     rtk = {"base_position_ecef_m": options.base_position, "base_stream": "base", "integers": options.integers,
            "frequencies": options.frequencies}  # fmt: skip
     if options.phase_sigma is not None:
         rtk["phase_sigma_m"] = options.phase_sigma
-    settings = offline.settings_of(
-        Mode.RTK, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
+    return offline.settings_of(
+        mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
         options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
-        _levels(options),
+        _levels(options), platform,
     )  # fmt: skip
-    rovers = [*options.obs, *options.rover, options.rover2, options.rover3, options.rover4]
+
+
+def _process_positions(options: argparse.Namespace) -> int:
+    """Mode rtk-imu-loose with a receiver's own positions."""
+    from plumbline import offline_imu
+
+    if options.imu is None:
+        raise PlumblineError(f"mode {options.mode} wants --imu")
     request = offline_imu.ImuRequest(
-        settings, inertial_settings(options), options.imu, options.imu_format, options.output,
-        tuple(path for path in rovers if path is not None), next(iter(options.base), None), tuple(options.nav),
-        options.positions, gps_ns_from_unix_ns(time.time_ns()), options.every_sample,
+        _station_settings(options, Mode.RTK), inertial_settings(options), options.imu, options.imu_format,
+        options.output, position_log=options.positions, t_near_gps_ns=gps_ns_from_unix_ns(time.time_ns()),
     )  # fmt: skip
-    run = offline_imu.run_loose if options.mode == "rtk-imu-loose" else offline_imu.run_tight
     with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
-        report = run(request, partial(_advance, bar))
+        report = offline_imu.run_loose(request, partial(_advance, bar))
     print(report, file=sys.stderr)
     return 0
 

@@ -20,6 +20,8 @@ class Mode(StrEnum):
     PPP_ACCEL = "ppp-accel"
     RTK = "rtk"  # against a base station's stream
     RTK_NETWORK = "rtk-network"  # against several bases, adjusted together
+    RTK_IMU_LOOSE = "rtk-imu-loose"  # mode rtk, its positions and velocities fused with an IMU
+    RTK_IMU_TIGHT = "rtk-imu-tight"  # one to N antennas' phases and range rates with an IMU in one filter
     CORRECTIONS = "corrections"  # not a station: a stream of ephemerides or SSR that others use
 
 
@@ -117,9 +119,10 @@ class FusionSettings(_Frozen):
 
 
 class InertialSettings(_Frozen):
-    """Settings of the filters that navigate with an IMU (loose and tight). Densities are one sigma, two-sided.
+    """Settings of a platform with several antennas, an IMU or both. Densities are one sigma, two-sided.
 
-    Body axes are right, forward, up. The defaults are those of a tactical MEMS unit (ADIS16495).
+    Body axes are right, forward, up. The defaults are those of a tactical MEMS unit (ADIS16495). Mode ``rtk`` gives the
+    attitude where there is more than one lever arm; their origin does not matter then.
     """
 
     rotation_body_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -173,6 +176,37 @@ class StationSettings(_Frozen):
     positioning: PositioningSettings = PositioningSettings()
     rtk: RtkSettings = RtkSettings()
     fusion: FusionSettings = FusionSettings()
+    inertial: InertialSettings = InertialSettings()
+    antenna_streams: tuple[StationId, ...] = ()  # of mode corrections: further antennas of the platform, one a stream
+    inertial_stream: StationId | None = None  # of mode corrections: the IMU's; None: the station's own
+
+    @property
+    def n_antennas(self) -> int:
+        """Antennas that are used: one a lever arm, in the modes that can use several."""
+        several = self.mode in (Mode.RTK, Mode.RTK_IMU_LOOSE, Mode.RTK_IMU_TIGHT)
+        return len(self.inertial.lever_arms_body_m) if several else 1
+
+    @property
+    def n_own_antennas(self) -> int:
+        """How many of them come on the station's own stream."""
+        return self.n_antennas - len(self.antenna_streams) if self.n_antennas > 1 else 1
+
+    @model_validator(mode="after")
+    def _antennas_are_named(self) -> Self:
+        ids, streams, own = self.device.rtcm_station_ids, self.antenna_streams, self.n_own_antennas
+        if not self.inertial.lever_arms_body_m:
+            raise ValueError("inertial.lever_arms_body_m wants a lever arm for each antenna")
+        if streams and self.rtk.base_stream is None:
+            raise ValueError("antenna_streams want rtk.base_stream too: the base is one stream of several")
+        if own < 1 or len(streams) > self.n_antennas - 1:
+            arms = f"{self.n_antennas} lever arms and {len(streams)} antenna_streams"
+            raise ValueError(f"{arms}: the station's own antenna comes first and wants one too")
+        if own > 1 and len(ids) != own:
+            raise ValueError(
+                f"{own} antennas on the station's own stream: device.rtcm_station_ids has to name the station id "
+                "(DF003) of each, in the order of inertial.lever_arms_body_m"
+            )
+        return self
 
 
 class NtripSource(_Frozen):

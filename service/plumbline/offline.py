@@ -4,7 +4,6 @@ Files become one line of events in the order of their times, as a server would h
 records become the rows of a CSV.
 """
 
-import csv
 import gzip
 import heapq
 import math
@@ -15,12 +14,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from pydantic import ValidationError
 
 from plumbline.config import AntennaMotion, Mode, StationSettings
 from plumbline.epochs.base_book import BaseBook
 from plumbline.epochs.recording import Piece, read_recording
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.errors import ConfigurationError
+from plumbline.files.imu import even_times, read_imu
 from plumbline.files.rinex_clock import read_clocks
 from plumbline.files.rinex_header import RinexObservationHeader
 from plumbline.files.rinex_navigation import read_navigation
@@ -32,14 +33,9 @@ from plumbline.pipeline import Pipeline
 from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.solutions import rotation_at
-from plumbline.quality.report import log_line
-from plumbline.records import AntennaDescription, Epoch, InertialBlock, Motion, Output, QualityReport, Solution
+from plumbline.records import AntennaDescription, Epoch, InertialBlock, Output
 
-COLUMNS: Final = (
-    "t_gps_s", "status", "n_satellites", "e_m", "n_m", "u_m", "sigma_e_m", "sigma_n_m", "sigma_u_m",
-    "x_ecef_m", "y_ecef_m", "z_ecef_m", "ve_m_s", "vn_m_s", "vu_m_s", "ae_m_s2", "an_m_s2", "au_m_s2",
-    "systems", "zenith_delay_m", "correction_age_s", "pdop", "reason",
-)  # fmt: skip
+_TABLE_BLOCK_S: Final = 0.1  # an IMU's table is fed in blocks of this
 _BLOCK_NS: Final = NS_PER_S  # inertial series are fed in blocks of one second, as a device sends them
 
 
@@ -57,6 +53,9 @@ class ProcessRequest:
     pole_zero: tuple[Path, ...] = ()  # of `accel`
     t_near_gps_ns: int = 0  # settles the week of recordings without ephemerides
     base: tuple[Path, ...] = ()  # observations of the base station (mode rtk), with its ephemerides
+    antennas: tuple[Path, ...] = ()  # of the platform's further antennas, in the order of `settings.antenna_streams`
+    imu: Path | None = None  # recording (`settings.inertial_stream` names it) or table
+    imu_format: str = "auto"
 
 
 class Event(NamedTuple):
@@ -98,6 +97,10 @@ def run(request: ProcessRequest, report: Callable[[float], None] = lambda fracti
     streams: list[Iterable[Event]] = [_base_events(path, request.settings, books, t_near_ns) for path in request.base]
     streams += [_correction_events(path, books, t_near_ns) for path in corrections]
     streams += [_observation_events(path, t_near_ns, progress) for path in request.obs]
+    antennas = zip(request.antennas, request.settings.antenna_streams, strict=True)
+    streams[:0] = [_antenna_events(path, name, books, t_near_ns) for path, name in antennas]
+    if request.imu is not None:
+        streams.insert(0, _imu_events(request, request.imu, books, t_near_ns))
     if request.accel:
         streams.append(_inertial_events(request, t_near_ns))
     outputs: list[Output] = []
@@ -182,6 +185,15 @@ def _base_events(path: Path, settings: StationSettings, books: Books, t_near_ns:
     if not is_rinex(path):
         yield from _correction_events(path, books, t_near_ns, stream)
         return
+    yield from _rinex_events(path, stream, books)
+
+
+def _antenna_events(path: Path, stream: str, books: Books, t_near_ns: int) -> Iterator[Event]:
+    """A further antenna's epochs into the books."""
+    return _rinex_events(path, stream, books) if is_rinex(path) else _correction_events(path, books, t_near_ns, stream)
+
+
+def _rinex_events(path: Path, stream: str, books: Books) -> Iterator[Event]:
     observations, book = RinexObservations(path), BaseBook()
     books.bases[stream] = book
     header = observations.header
@@ -211,6 +223,27 @@ def _correction_events(path: Path, books: Books, t_near_ns: int, stream: str | N
         yield Event(piece.t_ns, partial(_deliver_correction, feed, piece))
 
 
+def _imu_events(request: ProcessRequest, path: Path, books: Books, t_near_ns: int) -> Iterator[Event]:
+    """An IMU's samples: a recording through its feed, a table in blocks that are due with their last sample."""
+    if _is_recording(path):
+        yield from _correction_events(path, books, t_near_ns, request.settings.inertial_stream)
+        return
+    series = read_imu(path, request.imu_format)
+    if not np.isfinite(series.angular_rate_rad_s).all():
+        raise ConfigurationError(f"{path}: no angular rates")
+    times, interval_ns = even_times(series.t_gps_ns), round(series.interval_s * NS_PER_S)
+    size = max(round(_TABLE_BLOCK_S / series.interval_s), 1)
+    for first in range(0, times.size, size):
+        part = slice(first, first + size)
+        forces, rates, t_last_ns = (
+            series.specific_force_m_s2[part],
+            series.angular_rate_rad_s[part],
+            int(times[part][-1]),
+        )
+        block = InertialBlock(int(times[first]), t_last_ns, interval_ns, forces, rates)
+        yield Event(t_last_ns, partial(_deliver_samples, block))
+
+
 def _inertial_events(request: ProcessRequest, t_near_ns: int) -> Iterator[Event]:
     """Samples of a recording, or of a series' one or three files, in blocks of a second due when their last is in."""
     if all(_is_recording(path) for path in request.accel):
@@ -230,7 +263,7 @@ def _inertial_events(request: ProcessRequest, t_near_ns: int) -> Iterator[Event]
 
 
 def _deliver_epoch(epoch: Epoch, pipeline: Pipeline) -> list[Output]:
-    return pipeline.process_epoch(epoch)
+    return pipeline.advance(epoch.t_receive_ns) + pipeline.process_epoch(epoch)
 
 
 def _deliver_piece(piece: Piece, pipeline: Pipeline) -> list[Output]:
@@ -243,105 +276,14 @@ def _deliver_correction(feed: NavigationFeed, piece: Piece, pipeline: Pipeline) 
 
 
 def _deliver_samples(block: InertialBlock, pipeline: Pipeline) -> list[Output]:
-    return pipeline.receive_inertial(block)
+    return pipeline.advance(block.t_receive_ns) + pipeline.receive_inertial(block)
 
 
 def _is_recording(path: Path) -> bool:
     return path.suffix.lower() in (".rtcm3", ".rtcm", ".rtc", ".bin")
 
 
-# ------------------------------------------------------------------------------------------------ outputs
-
-
-def write_csv(path: Path, outputs: Sequence[Output], mode: Mode) -> int:
-    """Solutions, or in the fused modes the last revision of every motion sample; returns the number of rows."""
-    rows = _motion_rows(outputs) if mode is Mode.PPP_ACCEL else map(_solution_row, _solutions(outputs))
-    count = 0
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for count, row in enumerate(rows, start=1):  # noqa: B007
-            writer.writerow(row)
-    return count
-
-
-def write_quality_log(path: Path, outputs: Sequence[Output]) -> int:
-    """Quality reports as JSON lines, one an epoch; returns their number."""
-    reports = [output for output in outputs if isinstance(output, QualityReport)]
-    with path.open("w", encoding="utf-8") as stream:
-        stream.writelines(log_line(report) + "\n" for report in reports)
-    return len(reports)
-
-
-def _solutions(outputs: Sequence[Output]) -> list[Solution]:
-    return [output for output in outputs if isinstance(output, Solution)]
-
-
-def seconds_text(t_gps_ns: int) -> str:
-    """GPS time as seconds since 1980-01-06, to the microsecond."""
-    whole, fraction = divmod(t_gps_ns, NS_PER_S)
-    return f"{whole}.{fraction:09d}"[:-3]
-
-
-def _numbers(values: Iterable[float] | None, digits: int) -> list[str]:
-    return [""] * 3 if values is None else [f"{value:.{digits}f}" for value in values]
-
-
-def _one(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
-
-
-def _solution_row(solution: Solution) -> list[str | int]:
-    covariance = solution.covariance_enu_m2
-    return [
-        seconds_text(solution.t_gps_ns),
-        solution.status,
-        solution.n_satellites,
-        *_numbers(solution.displacement_enu_m, 5),
-        *_numbers(None if covariance is None else np.sqrt(np.diag(covariance)), 5),
-        *_numbers(solution.position_ecef_m, 5),
-        *_numbers(solution.velocity_enu_m_s, 5),
-        *_numbers(None, 0),
-        solution.systems,
-        _one(solution.zenith_delay_m, 5),
-        _one(solution.correction_age_s, 3),
-        _one(solution.pdop, 3),
-        solution.reason,
-    ]
-
-
-def _motion_rows(outputs: Sequence[Output]) -> Iterator[list[str | int]]:
-    """One row a sample; the facts of the position are those of the last solution at or before it."""
-    blocks: dict[int, Motion] = {}
-    for output in outputs:
-        if isinstance(output, Motion):
-            blocks[output.t_first_gps_ns] = output  # revisions come in order
-    solutions = sorted(_solutions(outputs), key=lambda solution: solution.t_gps_ns)
-    at = -1
-    for block in (blocks[t] for t in sorted(blocks)):
-        for i in range(len(block.displacement_enu_m)):
-            t_ns = block.t_first_gps_ns + i * block.interval_ns
-            while at + 1 < len(solutions) and solutions[at + 1].t_gps_ns <= t_ns:
-                at += 1
-            yield _motion_row(block, i, t_ns, solutions[at] if at >= 0 else None)
-
-
-def _motion_row(block: Motion, i: int, t_ns: int, solution: Solution | None) -> list[str | int]:
-    return [
-        seconds_text(t_ns),
-        block.status,
-        solution.n_satellites if solution else 0,
-        *_numbers(block.displacement_enu_m[i], 5),
-        *_numbers(block.sigma_displacement_enu_m[i], 5),
-        *_numbers(None, 0),
-        *_numbers(block.velocity_enu_m_s[i], 6),
-        *_numbers(block.acceleration_enu_m_s2[i], 6),
-        solution.systems if solution else "",
-        _one(solution.zenith_delay_m if solution else None, 5),
-        _one(solution.correction_age_s if solution else None, 3),
-        _one(solution.pdop if solution else None, 3),
-        solution.reason if solution else "no solution yet",
-    ]
+# ------------------------------------------------------------------------------------------------ settings
 
 
 def rotation_about_up(angle_deg: float) -> tuple[tuple[float, float, float], ...]:
@@ -363,24 +305,32 @@ def settings_of(
     rtk: Mapping[str, object] | None = None,
     quality_control: str = "on",
     levels: Mapping[str, float | None] | None = None,
+    platform: Mapping[str, object] | None = None,
 ) -> StationSettings:
-    """Station settings from the command line's words."""
-    return StationSettings.model_validate(
-        {
-            "station": "process",
-            "mode": mode,
-            "reference_position_ecef_m": reference,
-            "antenna_height_m": antenna_height_m,
-            "antex": None if antex is None else str(antex),
-            "positioning": {
-                "systems": systems,
-                "elevation_mask_deg": elevation_mask_deg,
-                "motion": motion,
-                "ambiguity_resolution": ambiguity_resolution,
-                "quality_control": quality_control,
-                **{name: value for name, value in (levels or {}).items() if value is not None},
-            },
-            "rtk": dict(rtk or {}),
-            "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},
-        }
-    )
+    """Station settings from the command line's words; raises ConfigurationError for what does not go together.
+
+    ``platform``: settings of several antennas and an IMU, by their names.
+    """
+    values = {
+        "station": "process",
+        "mode": mode,
+        "reference_position_ecef_m": reference,
+        "antenna_height_m": antenna_height_m,
+        "antex": None if antex is None else str(antex),
+        "positioning": {
+            "systems": systems,
+            "elevation_mask_deg": elevation_mask_deg,
+            "motion": motion,
+            "ambiguity_resolution": ambiguity_resolution,
+            "quality_control": quality_control,
+            **{name: value for name, value in (levels or {}).items() if value is not None},
+        },
+        "rtk": dict(rtk or {}),
+        "fusion": {"rotation_enu_from_sensor": rotation_about_up(rotation_deg)},
+        **(platform or {}),
+    }
+    try:
+        return StationSettings.model_validate(values)
+    except ValidationError as error:
+        words = "; ".join(f"{'.'.join(map(str, item['loc']))} {item['msg']}".strip() for item in error.errors())
+        raise ConfigurationError(words) from error

@@ -13,7 +13,8 @@ from plumbline.errors import ConfigurationError
 from plumbline.files.seismic import Series, read_components
 from plumbline.fusion.offline import FusedSeries, fuse_series
 from plumbline.gps_time import NS_PER_S
-from plumbline.offline import rotation_about_up, seconds_text
+from plumbline.offline import rotation_about_up
+from plumbline.offline_csv import seconds_text
 from plumbline.records import Floats
 
 COLUMNS: Final = (

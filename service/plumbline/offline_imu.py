@@ -46,6 +46,7 @@ from plumbline.fusion.tight_update import TightNode
 from plumbline.fusion.timeline import Rows
 from plumbline.gnss.earth_frames import ecef_from_geodetic, geodetic_from_ecef, rotation_enu_from_ecef
 from plumbline.gps_time import NS_PER_S
+from plumbline.offline_csv import seconds_text
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.rtk_base import base_view
@@ -359,7 +360,7 @@ def _row(
     ]  # fmt: skip
     degrees = np.degrees([angles[2], angles[1], angles[0], sigmas[2], sigmas[1], sigmas[0]])
     texts = [_text(value, 5) for value in numbers] + [_text(value, 5) for value in degrees]
-    return [offline.seconds_text(t_gps_ns), str(status), str(n_satellites), *texts, reason]
+    return [seconds_text(t_gps_ns), str(status), str(n_satellites), *texts, reason]
 
 
 def _text(value: float, digits: int) -> str:

@@ -59,7 +59,7 @@ SHEETS: Final[Mapping[str, Mapping[str, float]]] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the modes rtk-imu-loose and rtk-imu-tight."""
-    group = parser.add_argument_group("modes rtk-imu-loose and rtk-imu-tight")
+    group = parser.add_argument_group("modes rtk-imu-loose and rtk-imu-tight; several antennas also in mode rtk")
     group.add_argument("--imu", type=Path, metavar="FILE", help="samples: RTCM3 or a table")
     group.add_argument("--imu-format", choices=FORMATS, default="auto", help="of a table; plain-gps: GPS time")
     group.add_argument("--imu-characteristics", metavar="NAME|FILE",
@@ -70,7 +70,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--lever-arms", metavar="R,F,U;...",
                        help="IMU to each antenna, m, right, forward, up: --lever-arms=0.3,0.5,0.8;...")  # fmt: skip
     for number in (2, 3, 4):
-        group.add_argument(f"--rover{number}", type=Path, metavar="FILE", help=argparse.SUPPRESS)
+        group.add_argument(f"--rover{number}", type=Path, metavar="FILE", help=f"antenna {number} of the platform")
+    group.add_argument("--station-ids", metavar="ID,ID,…",
+                       help="several antennas in one recording: their station ids, as --lever-arms")  # fmt: skip
     group.add_argument("--positions", type=Path, metavar="FILE", help="loose: a receiver's positions, RTKLIB's .pos")
     group.add_argument("--velocity-delay", type=float, metavar="S", help="loose: how old the positions' velocities are")
     group.add_argument("--heading", type=float, metavar="DEG", help="known heading of the forward axis at the start")
@@ -96,6 +98,37 @@ def inertial_settings(options: argparse.Namespace) -> InertialSettings:
         return InertialSettings.model_validate(values)
     except ValidationError as error:
         raise ConfigurationError(f"IMU settings: {error}") from error
+
+
+def further_antennas(options: argparse.Namespace) -> tuple[Path, ...]:
+    """Recordings of the second antenna and the ones after it."""
+    return tuple(path for path in (options.rover2, options.rover3, options.rover4) if path is not None)
+
+
+def platform_settings(options: argparse.Namespace) -> dict[str, object]:
+    """A station's settings that several antennas and an IMU want; raises ConfigurationError saying what is wrong."""
+    inertial, ids, further = inertial_settings(options), _station_ids(options.station_ids), further_antennas(options)
+    arms, n = len(inertial.lever_arms_body_m), max(len(ids), 1) + len(further)
+    if n > 1 and arms != n:
+        given = "none given" if options.lever_arms is None else f"{arms} given"
+        raise ConfigurationError(f"{n} antennas want --lever-arms with as many vectors, {given}")
+    if arms > n:
+        raise ConfigurationError(
+            f"--lever-arms gives {arms} vectors for {n} antenna: give the others' recordings (--rover2 …) or, where "
+            "all are in one, --station-ids"
+        )
+    if options.imu is None and options.mode.startswith("rtk-imu"):
+        raise ConfigurationError(f"mode {options.mode} wants --imu")
+    streams = [f"antenna-{number}" for number in range(n - len(further) + 1, n + 1)]
+    return {"inertial": inertial, "antenna_streams": streams, "device": {"rtcm_station_ids": ids},
+            "inertial_stream": "imu" if options.imu is not None else None}  # fmt: skip
+
+
+def _station_ids(text: str | None) -> tuple[int, ...]:
+    try:
+        return () if text is None else tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigurationError(f"--station-ids: {error}") from error
 
 
 def characteristics(name: str | None) -> Mapping[str, float]:

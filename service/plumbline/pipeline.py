@@ -30,6 +30,7 @@ from plumbline.epochs.time_base import TimeBase
 from plumbline.gps_time import NS_PER_S, WEEK_NS
 from plumbline.judgement import Judge, JudgementState
 from plumbline.modes.context import Outcome
+from plumbline.modes.other_streams import OtherStreams
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.satellites import SatelliteSource
@@ -63,6 +64,7 @@ class PipelineState:
     books: Books = field(default_factory=Books)  # from the station's own stream
     description: AntennaDescription = field(default_factory=lambda: AntennaDescription(0))
     mode: object = None  # the mode's own
+    pulled: dict[str, int] = field(default_factory=dict)  # by other stream: receive time up to which it was used
     judgement: JudgementState = field(default_factory=JudgementState)
     neighbours: "dict[str, PipelineState]" = field(default_factory=dict)
     held: list[tuple[Observations | InertialMessage, int]] = field(default_factory=list)
@@ -96,6 +98,7 @@ class Pipeline:
         self.state = PipelineState(StreamDecoder(settings.device.inertial_message))
         self._given_source = source
         self._context = modes.Context(settings, books, source or self._books_source(), self._facts_at)
+        self._other_streams = OtherStreams(settings, books)
         self._adopt(self.state)
 
     def _adopt(self, state: PipelineState) -> None:
@@ -113,14 +116,14 @@ class Pipeline:
 
     def receive(self, data: bytes, t_receive_ns: int) -> list[Output]:
         """Take the next bytes of the station's own stream, received at a time; return all that they bring."""
-        outputs = self._advance_epochs(t_receive_ns)
+        outputs = self._advance(t_receive_ns)
         for message in self.state.decoder.receive(data):
             outputs += self._message(message, t_receive_ns)
         return outputs + self._status(t_receive_ns)
 
     def receive_neighbour(self, name: str, data: bytes, t_receive_ns: int) -> list[Output]:
         """Take the next bytes of a neighbour's stream: what it shows speaks for or against what the station shows."""
-        outputs = self._advance_epochs(t_receive_ns)
+        outputs = self._advance(t_receive_ns)
         self._hear(name, self._neighbours[name].receive(data, t_receive_ns))
         return outputs + self._status(t_receive_ns)
 
@@ -131,13 +134,13 @@ class Pipeline:
 
     def advance(self, t_receive_ns: int) -> list[Output]:
         """Time passes without data: close epochs that wait too long, and notice silence."""
-        return self._advance_epochs(t_receive_ns) + self._status(t_receive_ns)
+        return self._advance(t_receive_ns) + self._status(t_receive_ns)
 
     def finish(self, t_receive_ns: int) -> list[Output]:
         """The stream has ended for good (a file): close what is open."""
         outputs = self._release_held()
-        for assembler in self.state.assemblers.values():
-            outputs += [o for epoch in assembler.flush() for o in self.process_epoch(epoch)]
+        open_epochs = [epoch for assembler in self.state.assemblers.values() for epoch in assembler.flush()]
+        outputs += self._process_epochs(open_epochs)
         outputs += self._told(self._mode.advance(t_receive_ns + self._deadline_ns + WEEK_NS))
         outputs += self._judge.finish(self.state.judgement)
         return outputs + self._status(t_receive_ns)
@@ -181,7 +184,7 @@ class Pipeline:
             return self._release_held() if self.state.books.time_base.known else []
         if isinstance(message, Observations | InertialMessage):
             return self._timed(message, t_receive_ns)
-        if isinstance(message, Message):
+        if isinstance(message, Message) and self._antenna_of(message.fields.get("station", -1)) == 0:
             self.state.description = describe(self.state.description, message)
         return []
 
@@ -230,14 +233,16 @@ class Pipeline:
         self._judge.resume(self.state.judgement, anew=True)
 
     def _assemble(self, message: Observations, t_gps_ns: int, t_receive_ns: int) -> list[Output]:
-        if self._antenna_is_other(message.station):
+        antenna = self._antenna_of(message.station)
+        if antenna is None:
+            self.state.counters[f"observations_of_other_antenna_{message.station}"] += 1
             return []
         assembler = self.state.assemblers.get(message.station)
         if assembler is None:
             assembler = self.state.assemblers[message.station] = EpochAssembler(self._deadline_ns)
         self._tell_channels(assembler, message, t_receive_ns)
         epochs = assembler.receive(message, t_gps_ns, t_receive_ns)
-        return [output for epoch in epochs for output in self.process_epoch(epoch)]
+        return [output for epoch in epochs for output in self.process_epoch(epoch, antenna)]
 
     def _tell_channels(self, assembler: EpochAssembler, message: Observations, t_receive_ns: int) -> None:
         """GLONASS phases need their channel: where the message does not tell it, an ephemeris does."""
@@ -250,26 +255,37 @@ class Pipeline:
             if channel != UNKNOWN_CHANNEL:
                 assembler.learn_channel(int(satellite), int(channel))
 
-    def _antenna_is_other(self, rtcm_station: int) -> bool:
-        """Positions are of the first antenna: the first of the settings' station ids, or the first one seen."""
-        wanted = self.settings.device.rtcm_station_ids[:1] or tuple(self.state.assemblers)[:1]
-        if not wanted or rtcm_station == wanted[0]:
-            return False
-        self.state.counters[f"observations_of_other_antenna_{rtcm_station}"] += 1
-        return True
+    def _antenna_of(self, rtcm_station: int) -> int | None:
+        """Number of an antenna: its place among the settings' station ids; without any, the first one seen is 0."""
+        own = self.settings.device.rtcm_station_ids[: self.settings.n_own_antennas] or tuple(self.state.assemblers)[:1]
+        return own.index(rtcm_station) if rtcm_station in own else (None if own else 0)
 
-    def _advance_epochs(self, t_receive_ns: int) -> list[Output]:
+    def _advance(self, t_receive_ns: int) -> list[Output]:
+        """Everything up to a receive time that is not the station's own bytes: other streams' inputs, deadlines."""
         for name, neighbour in self._neighbours.items():
             self._hear(name, neighbour.advance(t_receive_ns))
-        epochs = [e for a in self.state.assemblers.values() for e in a.advance(t_receive_ns)]
-        outputs = [output for epoch in epochs for output in self.process_epoch(epoch)]
-        outputs += self._told(self._mode.advance(t_receive_ns))
+        outputs: list[Output] = []
+        for arrival in self._other_streams.until(t_receive_ns, self.state.pulled):
+            outputs += self._close_overdue(arrival.t_receive_ns)
+            if isinstance(arrival.what, InertialBlock):
+                outputs += self.receive_inertial(arrival.what)
+            else:
+                outputs += self.process_epoch(arrival.what, arrival.antenna)
+        outputs += self._close_overdue(t_receive_ns)
         return [*outputs, *self._judge.advance(self.state.judgement, t_receive_ns)]
 
-    def process_epoch(self, epoch: Epoch) -> list[Output]:
-        """Position one epoch, whichever way it came, and pass the solution on."""
+    def _close_overdue(self, t_receive_ns: int) -> list[Output]:
+        overdue = [epoch for a in self.state.assemblers.values() for epoch in a.advance(t_receive_ns)]
+        return self._process_epochs(overdue) + self._told(self._mode.advance(t_receive_ns))
+
+    def _process_epochs(self, epochs: Sequence[Epoch]) -> list[Output]:
+        numbered = [(epoch, self._antenna_of(epoch.antenna) or 0) for epoch in epochs]
+        return [output for epoch, antenna in numbered for output in self.process_epoch(epoch, antenna)]
+
+    def process_epoch(self, epoch: Epoch, antenna: int = 0) -> list[Output]:
+        """Use one epoch of an antenna, whichever way it came."""
         self.state.t_last_data_ns = epoch.t_receive_ns
-        return self._told(self._mode.receive_epoch(epoch, 0))
+        return self._told(self._mode.receive_epoch(epoch, antenna))
 
     def receive_inertial(self, block: InertialBlock) -> list[Output]:
         """Take samples that are already a record (from a file)."""

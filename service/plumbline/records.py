@@ -305,6 +305,8 @@ class Status(StrEnum):
     REJECTED = "rejected_by_quality_control"
     DIVERGED = "diverged"
     COASTING = "coasting"  # motion without GNSS: carried by the accelerometer alone
+    ALIGNING = "aligning"  # the platform's attitude is not known yet
+    NO_INERTIAL = "no_inertial"  # the mode wants an IMU, and its samples do not come
 
     @property
     def has_position(self) -> bool:
@@ -338,13 +340,15 @@ class Solution:
     pdop: float | None = None
     extras: Mapping[str, float] = field(default_factory=dict)
     noise_enu_m2: Floats | None = None  # (3, 3) the part of the covariance that is new in this epoch; None: all of it
+    attitude_rad: Floats | None = None  # (3,) roll, pitch, heading; NaN where the antennas do not tell it
+    sigma_attitude_rad: Floats | None = None  # (3,)
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
     """A block of fused motion, evenly sampled; a later ``revision`` of the same block replaces the earlier.
 
-    All arrays (n, 3), ENU.
+    All arrays (n, 3), ENU; the attitude's columns are roll, pitch, heading (body axes right, forward, up).
     """
 
     station: str
@@ -358,6 +362,8 @@ class Motion:
     status: Status
     revision: int = 0
     reason: str = ""  # empty when all is well; else words that a user can act on
+    attitude_rad: Floats | None = None
+    sigma_attitude_rad: Floats | None = None
 
 
 class Severity(StrEnum):

@@ -33,6 +33,9 @@ def test_schemes(folder: Path, scheme: str, limit_mm: float) -> None:
     truth = np.loadtxt(folder / "truth.csv", delimiter=",", skiprows=1)
     with files.result_path(folder, scheme).open(newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
+    assert len(rows) == len(truth)
+    assert all(row["reason"] for row in rows if not row["e_m"])
+    rows = [row for row in rows if row["e_m"]]
     assert len(rows) > 0.6 * len(truth)
     assert np.mean([row["status"] == "rtk_fixed" for row in rows]) > 0.95
     late = rows[40:]

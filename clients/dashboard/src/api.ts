@@ -5,6 +5,7 @@ export interface Status {
   reason: string;
   solution_status: string | null;
   n_satellites: number;
+  last_epoch: string | null;
 }
 
 export interface Station {
@@ -21,6 +22,22 @@ export interface Alert {
   state: "active" | "acknowledged" | "cleared";
   text: string;
   onset: string;
+  acknowledged_by?: string;
+}
+
+export interface Attitude {
+  station: string;
+  roll_deg: number | null;
+  pitch_deg: number | null;
+  heading_deg: number | null;
+  sigma_roll_deg: number | null;
+  sigma_pitch_deg: number | null;
+  sigma_heading_deg: number | null;
+}
+
+export interface Explanation {
+  epochs: number;
+  findings: { text: string; advice: string; share: number }[];
 }
 
 interface Page<T> {
@@ -28,14 +45,17 @@ interface Page<T> {
   next: string | null;
 }
 
+async function get<T>(address: string): Promise<T> {
+  const answer = await fetch(address);
+  if (!answer.ok) throw new Error(`${address}: ${answer.status}`);
+  return (await answer.json()) as T;
+}
+
 async function all<T>(path: string): Promise<T[]> {
   const items: T[] = [];
   let cursor: string | null = null;
   do {
-    const address: string = cursor ? `${path}&cursor=${encodeURIComponent(cursor)}` : path;
-    const answer = await fetch(address);
-    if (!answer.ok) throw new Error(`${address}: ${answer.status}`);
-    const page = (await answer.json()) as Page<T>;
+    const page: Page<T> = await get(cursor ? `${path}&cursor=${encodeURIComponent(cursor)}` : path);
     items.push(...page.items);
     cursor = page.next;
   } while (cursor);
@@ -47,4 +67,21 @@ export async function listStations(): Promise<Station[]> {
   return (await all<Station>("v1/stations?limit=500")).filter((s) => s.mode !== "corrections");
 }
 
-export const listAlerts = (): Promise<Alert[]> => all<Alert>("v1/alerts?limit=100&state=active");
+/** Alerts that are not over, seen or not. */
+export async function listOpenAlerts(): Promise<Alert[]> {
+  const states = ["active", "acknowledged"].map((state) => all<Alert>(`v1/alerts?limit=100&state=${state}`));
+  return (await Promise.all(states)).flat();
+}
+
+/** Say that an alert is seen. */
+export async function acknowledge(alertId: string, by: string): Promise<Alert> {
+  const address = `v1/alerts/${encodeURIComponent(alertId)}/acknowledge`;
+  const headers = { "Content-Type": "application/json" };
+  const answer = await fetch(address, { method: "POST", headers, body: JSON.stringify({ by }) });
+  if (!answer.ok) throw new Error(`${address}: ${answer.status}`);
+  return (await answer.json()) as Alert;
+}
+
+/** Why a station's last epochs have no solution, or a poor one. */
+export const explain = (station: string): Promise<Explanation> =>
+  get(`v1/stations/${encodeURIComponent(station)}/explain`);

@@ -15,6 +15,7 @@ export interface Block {
   interval: number;
   /** Millimetres, one row an axis. */
   values: [number[], number[], number[]];
+  sigmas: [number[], number[], number[]];
 }
 
 export class MotionChart {

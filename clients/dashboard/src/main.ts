@@ -1,7 +1,7 @@
 // The page: a card for every station, the alerts above them, one WebSocket for everything live.
 import "./style.css";
 import { AlertList } from "./alerts";
-import { listAlerts, listStations, type Station } from "./api";
+import { listOpenAlerts, listStations, type Station } from "./api";
 import { StationCard } from "./station-card";
 import { LiveStream } from "./stream";
 
@@ -13,7 +13,7 @@ const alerts = new AlertList(document.getElementById("alerts")!);
 function show(station: Station): StationCard {
   const known = cards.get(station.station);
   if (known) return known;
-  const card = new StationCard(station.station, station.name);
+  const card = new StationCard(station.station, station.name, station.mode);
   cards.set(station.station, card);
   host.querySelector(".empty")?.remove();
   host.append(card.element);
@@ -23,7 +23,8 @@ function show(station: Station): StationCard {
 }
 
 async function refresh(): Promise<void> {
-  const stations = await listStations();
+  const [stations, open] = await Promise.all([listStations(), listOpenAlerts()]);
+  alerts.replaceOpen(open);
   stations.forEach(show);
   const present = new Set(stations.map((s) => s.station));
   for (const [id, card] of cards) {
@@ -37,9 +38,11 @@ async function refresh(): Promise<void> {
 function summarise(): void {
   const states = [...cards.values()].map((c) => c.element.querySelector<HTMLElement>(".state")!.dataset.state);
   const receiving = states.filter((s) => s === "receiving").length;
-  const active = alerts.active;
-  document.getElementById("summary")!.textContent =
-    `${receiving} of ${cards.size} receiving` + (active ? `, ${active} active alert${active > 1 ? "s" : ""}` : "");
+  const { active, open } = alerts.counts;
+  const told = open ? `, ${open} alert${open > 1 ? "s" : ""} open` + (active ? `, ${active} not seen yet` : "") : "";
+  document.getElementById("summary")!.textContent = `${receiving} of ${cards.size} receiving${told}`;
+  document.title = active ? `(${active}) plumbline` : "plumbline";
+  for (const card of cards.values()) card.rank(alerts.severityOf(card.station));
 }
 
 const link = document.getElementById("link")!;
@@ -50,6 +53,7 @@ new LiveStream({
   },
   status: (status) => cards.get(status.station)?.status(status),
   motion: (station, block) => cards.get(station)?.motion(block),
+  attitude: (attitude) => cards.get(attitude.station)?.attitude(attitude),
   alert: (alert) => alerts.add(alert),
 }).open();
 
@@ -59,7 +63,6 @@ function frame(): void {
   setTimeout(() => requestAnimationFrame(frame), 100); // ten pictures a second are plenty
 }
 
-void listAlerts().then((all) => all.forEach((alert) => alerts.add(alert)));
 void refresh().catch(() => undefined);
 setInterval(() => void refresh().catch(() => undefined), REFRESH_MS);
 frame();

@@ -1,5 +1,5 @@
 // The one WebSocket: reconnects with a growing pause and resumes where it stopped, so that no block is lost in between.
-import type { Alert, Status } from "./api";
+import type { Alert, Attitude, Status } from "./api";
 import type { Block } from "./chart";
 
 const DRAWN_RATE_HZ = 20; // the server thins motion out to this
@@ -8,6 +8,7 @@ interface Handlers {
   link(state: "live" | "lost", words: string): void;
   status(status: Status): void;
   motion(station: string, block: Block): void;
+  attitude(attitude: Attitude): void;
   alert(alert: Alert): void;
 }
 
@@ -18,12 +19,16 @@ interface Motion {
   east_mm: number[];
   north_mm: number[];
   up_mm: number[];
+  sigma_east_mm: number[];
+  sigma_north_mm: number[];
+  sigma_up_mm: number[];
 }
 
 type Message =
   | { type: "hello"; feed: string }
   | ({ type: "status"; sequence: number } & Status)
   | ({ type: "motion"; sequence: number } & Motion)
+  | ({ type: "attitude"; sequence: number } & Attitude)
   | ({ type: "alert"; sequence: number } & Alert)
   | { type: "subscribed" | "missed" | "error" | "solution" };
 
@@ -52,7 +57,7 @@ export class LiveStream {
       case "hello": {
         const resume = this.next === undefined ? {} : { resume_from: this.next, feed: this.feed };
         this.feed = message.feed;
-        const channels = ["motion", "status", "alert"];
+        const channels = ["motion", "status", "alert", "attitude"];
         socket.send(JSON.stringify({ action: "subscribe", channels, motion_rate_hz: DRAWN_RATE_HZ, ...resume }));
         this.pauseMs = 500;
         this.handlers.link("live", "live");
@@ -66,7 +71,11 @@ export class LiveStream {
           start: Date.parse(message.time) / 1000,
           interval: message.interval_s,
           values: [message.east_mm, message.north_mm, message.up_mm],
+          sigmas: [message.sigma_east_mm, message.sigma_north_mm, message.sigma_up_mm],
         });
+        break;
+      case "attitude":
+        this.handlers.attitude(message);
         break;
       case "alert":
         this.handlers.alert(message);

@@ -54,6 +54,12 @@ class MotionMessage(_Numbered):
     sigma_east_mm: schemas.Column
     sigma_north_mm: schemas.Column
     sigma_up_mm: schemas.Column
+    roll_deg: schemas.Column | None = None
+    pitch_deg: schemas.Column | None = None
+    heading_deg: schemas.Column | None = None
+    sigma_roll_deg: schemas.Column | None = None
+    sigma_pitch_deg: schemas.Column | None = None
+    sigma_heading_deg: schemas.Column | None = None
 
 
 class StatusMessage(_Numbered, schemas.StatusOut):
@@ -72,6 +78,21 @@ class QualityMessage(_Numbered, quality_schemas.QualityOut):
     """What an epoch's solution is worth."""
 
     type: str = "quality"
+
+
+class AttitudeMessage(_Numbered):
+    """A platform's attitude at one instant."""
+
+    type: str = "attitude"
+    station: str
+    time: schemas.IsoTime
+    status: Status
+    roll_deg: float | None
+    pitch_deg: float | None
+    heading_deg: float | None
+    sigma_roll_deg: float | None
+    sigma_pitch_deg: float | None
+    sigma_heading_deg: float | None
 
 
 class HelloMessage(BaseModel):
@@ -116,6 +137,7 @@ SENT: Final = (
     StatusMessage,
     AlertMessage,
     QualityMessage,
+    AttitudeMessage,
     MissedMessage,
     ErrorMessage,
 )

@@ -28,6 +28,7 @@ class Channel(StrEnum):
     STATUS = "status"
     ALERT = "alert"
     QUALITY = "quality"
+    ATTITUDE = "attitude"
 
 
 _CHANNEL_OF: Final = {
@@ -163,8 +164,17 @@ class Feed:
         return len(self._subscriptions)
 
     def publish(self, output: Output) -> int:
-        """Number an output and hand it to whoever wants it, at once and without waiting; returns its number."""
-        entry = Entry(self._next, _CHANNEL_OF[type(output)], output)
+        """Number an output and hand it to whoever wants it, at once and without waiting; returns its number.
+
+        One with an attitude goes out a second time, on the channel of attitudes, with a number of its own.
+        """
+        number = self._publish_on(_CHANNEL_OF[type(output)], output)
+        if isinstance(output, Solution | Motion) and output.attitude_rad is not None:
+            self._publish_on(Channel.ATTITUDE, output)
+        return number
+
+    def _publish_on(self, channel: Channel, output: Output) -> int:
+        entry = Entry(self._next, channel, output)
         self._next += 1
         self._keep(entry)
         self.published[entry.channel] += 1

@@ -110,6 +110,12 @@ class SolutionOut(BaseModel):
     receiver_clock_ns: float | None
     correction_age_s: float | None
     pdop: float | None
+    roll_deg: float | None = Field(None, description="right side down; of a platform with several antennas or an IMU")
+    pitch_deg: float | None = Field(None, description="forward axis above the horizon")
+    heading_deg: float | None = Field(None, description="of the forward axis, clockwise from north, 0 to 360")
+    sigma_roll_deg: float | None = None
+    sigma_pitch_deg: float | None = None
+    sigma_heading_deg: float | None = None
     extras: dict[str, float | None] = {}
 
 
@@ -128,7 +134,11 @@ Column = list[float | None]
 
 
 class MotionOut(BaseModel):
-    """Motion in columns. With `bucket_s` 0 samples; else means, and `*_min_*`, `*_max_*`, `*_rms_*` beside each."""
+    """Motion in columns. With `bucket_s` 0 samples; else means, and `*_min_*`, `*_max_*`, `*_rms_*` beside each.
+
+    Samples of a platform with an IMU have its attitude in further columns: `roll_deg`, `pitch_deg`, `heading_deg`,
+    `sigma_roll_deg`, `sigma_pitch_deg`, `sigma_heading_deg`.
+    """
 
     model_config = ConfigDict(extra="allow")
 

@@ -4,7 +4,7 @@ A client subscribes with the address, ``/v1/stream?station=a&station=b&channel=m
 connected to the bare address, with a message; a later message replaces the subscription::
 
     {"action": "subscribe", "stations": ["a", "b"], "channels": ["solution", "motion", "status", "alert",
-     "quality"],
+     "quality", "attitude"],
      "resume_from": 1767225600000017, "feed": "0f3c…", "motion_rate_hz": 10}
 
 All fields but ``action`` may be left out: all stations, all channels, from now on, every sample. ``resume_from`` is the
@@ -22,7 +22,8 @@ each::
      "up_mm": 3.1, "sigma_east_mm": 2.0, "sigma_north_mm": 2.1, "sigma_up_mm": 5.0, "velocity_east_mm_s": null,
      "velocity_north_mm_s": null, "velocity_up_mm_s": null, "latitude_deg": 48.1, "longitude_deg": 11.5,
      "height_m": 555.2, "zenith_delay_mm": 2400.1, "receiver_clock_ns": 12.5, "correction_age_s": 5.0, "pdop": 1.4,
-     "extras": {}}
+     "roll_deg": null, "pitch_deg": null, "heading_deg": null, "sigma_roll_deg": null, "sigma_pitch_deg": null,
+     "sigma_heading_deg": null, "extras": {}}
 
     {"type": "motion", "sequence": 1767225600000019, "station": "a", "time": "2026-01-01T00:00:00.000Z",
      "interval_s": 0.5, "status": "ppp_float", "reason": "", "revision": 0, "east_mm": [1.2, 1.3],
@@ -48,9 +49,16 @@ each::
      "elevation_deg": 54.1, "azimuth_deg": 120.5, "external_east_mm": 2.1, "external_north_mm": -0.4,
      "external_up_mm": 1.0, "rejected": false, "reason": ""}]}
 
+    {"type": "attitude", "sequence": 1767225600000021, "station": "a", "time": "2026-01-01T00:00:01.000Z",
+     "status": "rtk_fixed", "roll_deg": -0.298, "pitch_deg": 0.419, "heading_deg": 24.993, "sigma_roll_deg": 0.02,
+     "sigma_pitch_deg": 0.021, "sigma_heading_deg": 0.035}
+
     {"type": "missed", "first_sequence": 1767225600000022, "last_sequence": 1767225600000940, "count": 301}
 
-    {"type": "error", "detail": "channels.0: Input should be 'solution', 'motion', 'status', 'alert' or 'quality'"}
+    {"type": "error", "detail": "resume_from: Input should be greater than or equal to 0"}
+
+A motion block of a platform with an IMU has its angles too, in columns ``roll_deg``, ``pitch_deg``, ``heading_deg`` and
+``sigma_roll_deg`` and so on. The channel ``attitude`` has them alone: of a solution, or of a block's last sample.
 
 A motion block of the same ``station`` and ``time`` with a higher ``revision`` replaces the one before it. ``time`` is
 that of the first sample; sample k is at ``time`` + k × ``interval_s``. ``missed`` says that the client was too slow, or
@@ -69,7 +77,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from plumbline.api.feed import Channel, Entry, Feed, Interest, Missed, Subscription
 from plumbline.api.quality_views import quality_view
-from plumbline.api.views import alert_event_view, motion_view, solution_view, status_view
+from plumbline.api.views import alert_event_view, attitude_view, motion_view, solution_view, status_view
 from plumbline.config import StationId
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import AlertEvent, Motion, Output, QualityReport, Solution
@@ -93,7 +101,7 @@ class Subscribe(BaseModel):
 
 
 def view_of(output: Output, step: int = 1) -> dict[str, Any]:
-    """An output's fields in a stream message."""
+    """An output's fields in a stream message, on its own channel."""
     if isinstance(output, Solution):
         return solution_view(output)
     if isinstance(output, Motion):
@@ -108,7 +116,12 @@ def view_of(output: Output, step: int = 1) -> dict[str, Any]:
 @lru_cache(maxsize=1024)
 def message_text(entry: Entry, step: int) -> str:
     """An entry as the client reads it; made once for all subscribers who want the same."""
-    return _json({"type": entry.channel.value, "sequence": entry.sequence, **view_of(entry.output, step)})
+    output = entry.output
+    if entry.channel is Channel.ATTITUDE and isinstance(output, Solution | Motion):
+        view = attitude_view(output)
+    else:
+        view = view_of(output, step)
+    return _json({"type": entry.channel.value, "sequence": entry.sequence, **view})
 
 
 def _json(message: dict[str, Any]) -> str:

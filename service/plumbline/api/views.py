@@ -5,6 +5,8 @@ import math
 import time
 from typing import Any, Final
 
+import numpy as np
+
 from plumbline.api import schemas
 from plumbline.api.units import (
     column,
@@ -21,6 +23,7 @@ from plumbline.records import AlertEvent, Floats, Motion, Solution, StationStatu
 from plumbline.store import AlertRow, Device, MotionSeries, StationRow
 
 AXES: Final = ("east", "north", "up")
+ANGLES: Final = ("roll", "pitch", "heading")
 VECTORS: Final = (("", "_mm"), ("velocity_", "_mm_s"), ("acceleration_", "_mm_s2"))
 NO_WORD_AFTER_S: Final = 20.0  # beyond a station's own limit: then it is its worker that is silent
 
@@ -78,6 +81,15 @@ def _sigmas(covariance: Floats | None) -> dict[str, float | None]:
     return {f"sigma_{axis}_mm": scaled(sigma, 1e3, 2) for axis, sigma in zip(AXES, sigmas, strict=True)}
 
 
+def _angles(attitude_rad: Floats | None, sigmas_rad: Floats | None) -> dict[str, float | None]:
+    """Angles of one instant, degrees."""
+    nothing = (None,) * 3
+    values = nothing if attitude_rad is None else np.degrees(attitude_rad).tolist()
+    sigmas = nothing if sigmas_rad is None else np.degrees(sigmas_rad).tolist()
+    named = {f"{name}_deg": scaled(value, 1.0, 5) for name, value in zip(ANGLES, values, strict=True)}
+    return named | {f"sigma_{name}_deg": scaled(value, 1.0, 5) for name, value in zip(ANGLES, sigmas, strict=True)}
+
+
 def solution_view(solution: Solution) -> dict[str, Any]:
     """A solution as :class:`schemas.SolutionOut`'s fields (a dictionary: lists of them are long)."""
     position = solution.position_ecef_m
@@ -102,6 +114,7 @@ def solution_view(solution: Solution) -> dict[str, Any]:
         "receiver_clock_ns": scaled(solution.receiver_clock_s, 1e9, 3),
         "correction_age_s": scaled(solution.correction_age_s),
         "pdop": scaled(solution.pdop),
+        **_angles(solution.attitude_rad, solution.sigma_attitude_rad),
         "extras": {name: scaled(value, 1.0, 9) for name, value in sorted(solution.extras.items())},
     }
 
@@ -114,7 +127,19 @@ def _columns(source: Motion | MotionSeries, step: int = 1) -> dict[str, list[flo
         for i, axis in enumerate(AXES)
     }
     sigma = source.sigma_displacement_enu_m
-    return columns | {f"sigma_{axis}_mm": column(sigma[::step, i]) for i, axis in enumerate(AXES)}
+    columns |= {f"sigma_{axis}_mm": column(sigma[::step, i]) for i, axis in enumerate(AXES)}
+    return columns | _angle_columns(source, step)
+
+
+def _angle_columns(source: Motion | MotionSeries, step: int) -> dict[str, list[float | None]]:
+    """Columns of angles, degrees, where the source has them."""
+    parts = (("", source.attitude_rad), ("sigma_", source.sigma_attitude_rad))
+    return {
+        f"{prefix}{name}_deg": column(np.degrees(values[::step, i]), 1.0, 5)
+        for prefix, values in parts
+        if values is not None
+        for i, name in enumerate(ANGLES)
+    }
 
 
 def motion_view(motion: Motion, step: int = 1) -> dict[str, Any]:
@@ -127,6 +152,22 @@ def motion_view(motion: Motion, step: int = 1) -> dict[str, Any]:
         "reason": motion.reason,
         "revision": motion.revision,
         **_columns(motion, step),
+    }
+
+
+def attitude_view(output: Solution | Motion) -> dict[str, Any]:
+    """The attitude alone, of a solution or of the last sample of a block."""
+    attitude, sigmas, t_gps_ns = output.attitude_rad, output.sigma_attitude_rad, 0
+    if isinstance(output, Motion):
+        t_gps_ns = output.t_first_gps_ns + (len(output.displacement_enu_m) - 1) * output.interval_ns
+        attitude, sigmas = (None if part is None else part[-1] for part in (attitude, sigmas))
+    else:
+        t_gps_ns = output.t_gps_ns
+    return {
+        "station": output.station,
+        "time": iso(t_gps_ns),
+        "status": output.status.value,
+        **_angles(attitude, sigmas),
     }
 
 

@@ -43,6 +43,11 @@ class BaseBook:
         end = bisect_right(self.epochs, t_gps_ns + _SAME_INSTANT_NS, key=_time)
         return next((e for e in reversed(self.epochs[:end]) if e.t_receive_ns <= as_of_receive_ns), None)
 
+    def received_after(self, since_ns: int, until_ns: int) -> list[Epoch]:
+        """Epochs received after a time and up to another, in order."""
+        first = bisect_right(self.epochs, since_ns, key=_received)
+        return [epoch for epoch in self.epochs[first:] if epoch.t_receive_ns <= until_ns]
+
     def description(self, as_of_receive_ns: int) -> AntennaDescription | None:
         """What the stream had said of its antenna by a receive time."""
         known = [said for received_ns, said in self.descriptions if received_ns <= as_of_receive_ns]
@@ -68,6 +73,10 @@ class BaseBook:
         """The last two epochs received by a time."""
         known = (e for e in reversed(self.epochs) if e.t_receive_ns <= as_of_receive_ns)
         return list(islice(known, 2))[::-1]
+
+
+def _received(epoch: Epoch) -> int:
+    return epoch.t_receive_ns
 
 
 def _time(epoch: Epoch) -> int:

@@ -18,14 +18,25 @@ from plumbline.records import (
     Ephemeris,
     Epoch,
     GlonassEphemeris,
+    InertialBlock,
     SsrClock,
     SsrOrbit,
 )
-from plumbline.rtcm3 import DecodedMessage, FrameReader, Malformed, Message, Observations, Unknown, decode
+from plumbline.rtcm3 import (
+    DecodedMessage,
+    FrameReader,
+    InertialMessage,
+    Malformed,
+    Message,
+    Observations,
+    Unknown,
+    decode,
+)
 from plumbline.rtcm3.station import describe
 from plumbline.signals import System, system_of
 
 _WEEKLESS_KEPT: Final = 500
+_INERTIAL_KEPT_NS: Final = 60_000_000_000
 _BASE_DEADLINE_NS: Final = 800_000_000  # how long a base's epoch waits for late constellations
 
 
@@ -69,6 +80,7 @@ class Books:
     bases: dict[str, BaseBook] = field(default_factory=dict)  # by stream: observations that others use
     references: dict[str, ReferenceBook] = field(default_factory=dict)  # by stream: whether those bases stand still
     settled_ns: int = 0  # questions as of this receive time or later get the answers of that time, earlier ones may not
+    inertial: dict[str, list[InertialBlock]] = field(default_factory=dict)  # by stream: an IMU's last minute
     _weekless: list[tuple[Message, int]] = field(
         default_factory=list
     )  # ephemerides that came before the week was known
@@ -139,7 +151,10 @@ class Books:
 
 
 class NavigationFeed:
-    """A stream that stations share: ephemerides, corrections, a base's observations. Bytes in, books kept."""
+    """A stream that stations share: ephemerides, corrections, an antenna's observations, an IMU's samples.
+
+    Bytes in, books kept.
+    """
 
     def __init__(self, stream: str, books: Books) -> None:
         self.stream = stream
@@ -157,6 +172,8 @@ class NavigationFeed:
                 continue
             if isinstance(message, Observations):
                 self._observe(message, t_receive_ns)
+            elif isinstance(message, InertialMessage):
+                self._keep_samples(message, t_receive_ns)
             elif isinstance(message, Message):
                 self._describe(message, t_receive_ns)
 
@@ -182,6 +199,12 @@ class NavigationFeed:
     def _keep(self, epochs: list[Epoch], t_receive_ns: int) -> None:
         for epoch in epochs:
             self._books.base(self.stream, t_receive_ns).add(epoch)
+
+    def _keep_samples(self, message: InertialMessage, t_receive_ns: int) -> None:
+        block = message.block(self._books.time_base.near(t_receive_ns), t_receive_ns)
+        held = self._books.inertial.get(self.stream, [])
+        oldest_ns = t_receive_ns - _INERTIAL_KEPT_NS
+        self._books.inertial[self.stream] = [*(b for b in held if b.t_receive_ns > oldest_ns), block]
 
     def _describe(self, message: Message, t_receive_ns: int) -> None:
         description = describe(self._description, message)

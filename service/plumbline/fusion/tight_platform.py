@@ -33,7 +33,7 @@ from plumbline.positioning.attitude_baselines import attitude
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.rtk_state import BaseView, RtkState
 from plumbline.positioning.satellites import SatelliteSource
-from plumbline.records import Epoch, Floats, InertialBlock, Status
+from plumbline.records import Epoch, Floats, InertialBlock, Ints, Status
 
 _ALIGN_S: Final = 5.0  # of samples that the levelling wants
 _KEEP_S: Final = 60.0
@@ -80,6 +80,13 @@ def receive_platform_inertial(state: PlatformState, block: InertialBlock, platfo
     if block.angular_rate_rad_s is None:
         return PlatformResult(replace(state, reason="the inertial samples have no angular rates"), no_rows())
     t_gps_ns, samples = samples_of(block, platform.inertial)
+    return receive_platform_samples(state, t_gps_ns, samples, platform)
+
+
+def receive_platform_samples(
+    state: PlatformState, t_gps_ns: Ints, samples: Floats, platform: Platform
+) -> PlatformResult:
+    """Apply samples (n, 6) of body axes at times (n,)."""
     result = receive_samples(state.tight, t_gps_ns, samples, platform.inertial, platform.settings.rtk)
     tight = result.state
     if not tight.timeline.nodes and tight.timeline.t_gps_ns.size:

@@ -40,10 +40,6 @@ class Processor(Protocol):
     def state(self) -> object:
         """All that it carries from input to input: picklable, and enough for :func:`plumbline.modes.start`."""
 
-    @property
-    def n_antennas(self) -> int:
-        """How many antennas of the station's own stream are used."""
-
     def receive_epoch(self, epoch: Epoch, antenna: int) -> list[Outcome]:
         """Take an epoch of the station's own antenna number ``antenna``, counted from 0."""
 

@@ -26,8 +26,6 @@ class PppModeState:
 class PppProcessor:
     """See the module and :class:`plumbline.modes.context.Processor`."""
 
-    n_antennas = 1
-
     def __init__(self, context: Context, state: object = None) -> None:
         self._context = context
         self.state = state if isinstance(state, PppModeState) else PppModeState()

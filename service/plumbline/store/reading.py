@@ -1,6 +1,7 @@
 """Solutions and motion by station and time."""
 
 import json
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -89,6 +90,13 @@ def _vector(numbers: tuple[float | None, ...]) -> Floats | None:
     return None if all(number is None for number in numbers) else np.array(numbers, dtype=float)
 
 
+def _angles(numbers: tuple[float | None, ...]) -> Floats | None:
+    """Angles, NaN where not known; None where none is."""
+    return (
+        _vector(tuple(math.nan if n is None else n for n in numbers)) if any(n is not None for n in numbers) else None
+    )
+
+
 def _solution(row: Row[Any]) -> Solution:
     covariance = _vector(tuple(row[12:18]))
     return Solution(
@@ -108,6 +116,8 @@ def _solution(row: Row[Any]) -> Solution:
         correction_age_s=row.correction_age_s,
         pdop=row.pdop,
         extras=json.loads(row.extras) if row.extras else {},
+        attitude_rad=_angles((row.roll_rad, row.pitch_rad, row.heading_rad)),
+        sigma_attitude_rad=_angles((row.sigma_roll_rad, row.sigma_pitch_rad, row.sigma_heading_rad)),
     )
 
 
@@ -134,6 +144,7 @@ def motion_blocks(
 
 def _motion(row: Row[Any]) -> Motion:
     arrays = samples(decode(row.samples, row.n))
+    turned = bool(np.isfinite(arrays.attitude_rad).any())
     return Motion(
         row.station,
         row.t_first_gps_ns,
@@ -146,6 +157,8 @@ def _motion(row: Row[Any]) -> Motion:
         Status(row.status),
         row.revision,
         row.reason,
+        arrays.attitude_rad if turned else None,
+        arrays.sigma_attitude_rad if turned else None,
     )
 
 
@@ -191,6 +204,8 @@ def _sample_series(connection: Connection, station: str, start: int, end: int, m
                     arrays.velocity_enu_m_s,
                     arrays.acceleration_enu_m_s2,
                     arrays.sigma_displacement_enu_m,
+                    arrays.attitude_rad,
+                    arrays.sigma_attitude_rad,
                 )
             )[inside]
         )
@@ -198,7 +213,7 @@ def _sample_series(connection: Connection, station: str, start: int, end: int, m
         if total > max_points + row.n:
             break
     if not total:
-        return _series(station, 0, np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 12)))
+        return _series(station, 0, np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 18)))
     t, values = np.concatenate(times), np.concatenate(columns)
     order = np.lexsort((-np.concatenate(revisions), t))
     order = order[np.concatenate(([True], np.diff(t[order]) > 0))]
@@ -219,8 +234,12 @@ def _series(
     blocks: tuple[BlockHead, ...] = (),
     next_start: int | None = None,
 ) -> MotionSeries:
-    d, v, a, s = (np.ascontiguousarray(values[:, i : i + 3]) for i in (0, 3, 6, 9))
-    return MotionSeries(station, bucket_ns, t_gps_ns, count, d, v, a, s, summary, blocks, next_start)
+    d, v, a, s, *turned = (np.ascontiguousarray(values[:, i : i + 3]) for i in range(0, values.shape[1], 3))
+    attitude, sigmas = turned if turned and np.isfinite(turned[0]).any() else (None, None)
+    return MotionSeries(
+        station, bucket_ns, t_gps_ns, count, d, v, a, s, summary, blocks, next_start_gps_ns=next_start,
+        attitude_rad=attitude, sigma_attitude_rad=sigmas,
+    )  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------- motion: buckets

@@ -67,6 +67,8 @@ class MotionSeries:
     sigma_displacement_enu_m: Floats
     summary: MotionSummary | None = None
     blocks: tuple["BlockHead", ...] = ()
+    attitude_rad: Floats | None = None  # (n, 3) roll, pitch, heading; None: no sample has one, or buckets
+    sigma_attitude_rad: Floats | None = None
     next_start_gps_ns: int | None = None  # where to read on, when the span holds more than was asked for
 
 

@@ -67,6 +67,7 @@ solutions = Table(
     _required("systems", Text),
     *_numbers("zenith_delay_m", "receiver_clock_s", "correction_age_s", "pdop"),
     Column("extras", Text),
+    *_numbers("roll_rad", "pitch_rad", "heading_rad", "sigma_roll_rad", "sigma_pitch_rad", "sigma_heading_rad"),
     sqlite_with_rowid=False,
 )
 

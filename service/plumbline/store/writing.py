@@ -15,7 +15,7 @@ from sqlalchemy import Connection, select
 from plumbline.gps_time import NS_PER_S
 from plumbline.records import AlertEvent, Floats, Motion, Output, QualityReport, Solution, StationStatus
 from plumbline.store import alert_log, quality_codec, summaries
-from plumbline.store.motion_codec import decode, encode, quantised
+from plumbline.store.motion_codec import N_CHANNELS, decode, encode, quantised
 from plumbline.store.rows import Checkpoint
 from plumbline.store.tables import checkpoints as checkpoint_table
 from plumbline.store.tables import motion as motion_table
@@ -71,6 +71,8 @@ def _solution_row(solution: Solution) -> tuple[Any, ...]:
         _number(solution.correction_age_s),
         _number(solution.pdop),
         json.dumps(dict(solution.extras), sort_keys=True) if solution.extras else None,
+        *_vector(solution.attitude_rad),
+        *_vector(solution.sigma_attitude_rad),
     )
 
 
@@ -176,9 +178,9 @@ def _stored_revisions(connection: Connection, pieces: dict[tuple[str, int], _Pie
 def _quanta_of(
     connection: Connection, second: summaries.SecondKey, pieces: Sequence[_Piece], has_others: bool
 ) -> NDArray[np.int64]:
-    """All quanta of a second: at hand when one new block is all there is, else read back."""
+    """All quanta of a second, of the channels that every block has: at hand in one new block alone, else read back."""
     if len(pieces) == 1 and not has_others:
-        return pieces[0].quanta
+        return pieces[0].quanta[:N_CHANNELS]
     columns = motion_table.c
     query = (
         select(columns.samples, columns.n)
@@ -189,7 +191,7 @@ def _quanta_of(
         )
         .order_by(columns.t_first_gps_ns)
     )
-    return np.hstack([decode(data, n) for data, n in connection.execute(query)])
+    return np.hstack([decode(data, n)[:N_CHANNELS] for data, n in connection.execute(query)])
 
 
 def _motion_row(piece: _Piece) -> tuple[Any, ...]:

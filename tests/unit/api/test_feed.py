@@ -1,10 +1,11 @@
 """The live feed. Oracle: a list of everything that was published, and what must be left of it."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 
-from plumbline.api.feed import Channel, Entry, Feed, Interest, Missed
+from plumbline.api.feed import Channel, Entry, Feed, Interest, Missed, Subscription
 from plumbline.records import AlertEvent, AlertState, Motion, Severity, Solution, StationStatus, Status
 
 
@@ -90,3 +91,17 @@ async def test_a_later_feed_has_higher_numbers_and_an_ended_subscription_gets_no
     except TimeoutError:
         return
     raise AssertionError("an ended subscription was served")
+
+
+def test_an_attitude_goes_out_on_its_own_channel_too() -> None:
+    feed = Feed(clock_us=lambda: 100)
+    angles = feed.subscribe(Interest(channels=frozenset({Channel.ATTITUDE})))
+    everything = feed.subscribe(Interest())
+    feed.publish(solution(1))
+    feed.publish(replace(solution(2), attitude_rad=np.zeros(3), sigma_attitude_rad=np.zeros(3)))
+
+    def drained(subscription: Subscription) -> list[tuple[int, str]]:
+        return [(entry.sequence, entry.channel.value) for entry in subscription._queue]
+
+    assert drained(angles) == [(102, "attitude")]
+    assert drained(everything) == [(100, "solution"), (101, "solution"), (102, "attitude")]

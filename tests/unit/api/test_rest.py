@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import time
+from dataclasses import replace
 from datetime import datetime
 from urllib.parse import quote, unquote
 
@@ -274,6 +275,24 @@ async def test_a_long_answer_comes_in_pieces_and_whole(client, tower, store) -> 
     response = await client.get("/v1/stations/tower/motion", params={"max_points": 10_000})
     assert len(response.content) > 500_000
     assert len(response.json()["up_mm"]) == 10_000
+
+
+async def test_attitudes_are_in_degrees(client, store, tower) -> None:
+    """Oracle: NumPy's degrees."""
+    angles, sigmas = np.radians([1.5, -0.25, 359.5]), np.radians([0.02, np.nan, 0.03])
+    first = Solution(
+        "tower", T0, T0, Status.RTK_FIXED, "", 12, attitude_rad=angles, sigma_attitude_rad=sigmas
+    )  # fmt: skip
+    turned = np.tile(angles, (10, 1))
+    await store.write([first, replace(motion(0), attitude_rad=turned, sigma_attitude_rad=np.tile(sigmas, (10, 1)))])
+    item = (await client.get("/v1/stations/tower/solutions")).json()["items"][0]
+    assert [item[f"{name}_deg"] for name in ("roll", "pitch", "heading")] == [1.5, -0.25, 359.5]
+    assert [item[f"sigma_{name}_deg"] for name in ("roll", "pitch", "heading")] == [0.02, None, 0.03]
+    columns = (await client.get("/v1/stations/tower/motion", params={"resolution": "samples"})).json()
+    assert columns["heading_deg"] == pytest.approx([359.5] * 10, abs=1e-4)
+    assert columns["sigma_pitch_deg"] == [None] * 10
+    table = (await client.get("/v1/stations/tower/motion", params={"format": "csv"})).text.splitlines()
+    assert table[0].endswith("roll_deg,pitch_deg,heading_deg,sigma_roll_deg,sigma_pitch_deg,sigma_heading_deg")
 
 
 async def test_motion_as_miniseed_is_read_by_obspy(client, tower, store) -> None:

@@ -7,7 +7,7 @@ store gives back, for every summary.
 import asyncio
 import math
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,27 @@ async def test_solutions_come_back_as_they_were(store: Store) -> None:
     assert all(same(a, b) for a, b in zip(written, read, strict=True))
     assert same(await store.latest_solution("a"), written[2])
     assert await store.latest_solution("b") is None
+
+
+async def test_attitudes_come_back(store: Store) -> None:
+    """Of solutions as they were, what antennas do not tell missing; of samples to within half a microradian."""
+    pair = solution(T0, attitude_rad=np.array([0.01, np.nan, 6.1]), sigma_attitude_rad=np.array([0.002, np.nan, 0.001]))
+    rng = np.random.default_rng(7)
+    turned = replace(
+        block(0), attitude_rad=rng.uniform(-1, 6, (10, 3)), sigma_attitude_rad=rng.uniform(0, 0.1, (10, 3))
+    )
+    await store.write([pair, turned, block(1)])
+    read = (await store.solutions("a")).items[0]
+    assert same(read, pair)
+    series = await store.motion("a", bucket_ns=0)
+    assert series.attitude_rad is not None
+    assert series.sigma_attitude_rad is not None
+    assert np.abs(series.attitude_rad[:10] - turned.attitude_rad).max() <= 0.5e-6 * (1 + 1e-9)
+    assert np.abs(series.sigma_attitude_rad[:10] - turned.sigma_attitude_rad).max() <= 0.5e-6 * (1 + 1e-9)
+    assert np.isnan(series.attitude_rad[10:]).all()
+    whole = (await store.motion_blocks("a"))[0]
+    assert whole.attitude_rad is not None
+    assert np.array_equal(whole.attitude_rad, series.attitude_rad[:10])
 
 
 async def test_pages_hold_every_solution_once(store: Store) -> None:
