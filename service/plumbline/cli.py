@@ -179,8 +179,8 @@ def _process(options: argparse.Namespace) -> int:
         raise PlumblineError(f"mode {mode} wants --rover (or --obs)")
     if mode.value.startswith("rtk") and not options.base:
         raise PlumblineError(f"mode {mode} wants --base")
-    if mode.value.startswith("rtk-imu") and options.imu is None:
-        raise PlumblineError(f"mode {mode} wants --imu")
+    if mode.value.startswith("rtk-imu") and options.imu is None and not options.station_ids:
+        raise PlumblineError(f"mode {mode} wants --imu (or --station-ids, where one recording holds it all)")
     return _run_pipeline(options, _station_settings(options, mode, platform_settings(options)))
 
 

@@ -117,8 +117,6 @@ def platform_settings(options: argparse.Namespace) -> dict[str, object]:
             f"--lever-arms gives {arms} vectors for {n} antenna: give the others' recordings (--rover2 …) or, where "
             "all are in one, --station-ids"
         )
-    if options.imu is None and options.mode.startswith("rtk-imu"):
-        raise ConfigurationError(f"mode {options.mode} wants --imu")
     streams = [f"antenna-{number}" for number in range(n - len(further) + 1, n + 1)]
     return {"inertial": inertial, "antenna_streams": streams, "device": {"rtcm_station_ids": ids},
             "inertial_stream": "imu" if options.imu is not None else None}  # fmt: skip

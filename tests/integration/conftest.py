@@ -9,9 +9,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from plumbline_dtu.shake_table.experiment import Experiment, Levels, schedule
+from plumbline_dtu.shake_table.write import simulate
 
 
 class Serving:
@@ -102,6 +106,16 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Serving]]:
             for pid in pids:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="session")
+def shaken_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Streams of a platform with three antennas and an IMU, and its base: ten seconds of rest, ten of half a Hertz."""
+    path = tmp_path_factory.mktemp("platform")
+    whole = schedule(rest_s=10.0, minute_s=16.0)
+    plan = replace(whole, vibrations=whole.vibrations[:1], duration_s=20.0)
+    simulate(Experiment(2, plan, Levels(platform_reflection=0.0, base_reflection=0.0)), path)
+    return path
 
 
 class Device:

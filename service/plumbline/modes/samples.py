@@ -23,7 +23,7 @@ class ImuSamples:
     counters: Counter[str] = field(default_factory=Counter)
     interval_ns: int = 0  # of the grid; 0 before the first sample
     t_receive_ns: int | None = None  # of the last block used
-    t_last_gps_ns: int | None = None  # of its last sample
+    t_last_gps_ns: int | None = None  # of the last sample on the grid
     _sensor: int | None = None
     _tails: tuple[SampleTail, SampleTail] = (NO_TAIL, NO_TAIL)  # of forces and rates
 
@@ -39,13 +39,17 @@ class ImuSamples:
         _, rates, rate_tail = match_samples(rates_block, offset_s, self._tails[1])
         self._tails, self.interval_ns = (force_tail, rate_tail), NS_PER_S // rate
         turn = np.array(settings.rotation_body_from_sensor)
-        self.t_last_gps_ns = block.t_first_gps_ns + block.interval_ns * (len(block.specific_force_m_s2) - 1)
         times = np.array([grid_time_ns(first + k, rate) for k in range(len(forces))], np.int64)
+        self.t_last_gps_ns = int(times[-1]) if times.size else self.t_last_gps_ns
         return times, np.hstack([forces @ turn.T, rates @ turn.T])
 
     def silent_s(self, t_receive_ns: int) -> float | None:
         """How long no samples have come; None: there never were any."""
         return None if self.t_receive_ns is None else (t_receive_ns - self.t_receive_ns) / NS_PER_S
+
+    def reach(self, t_gps_ns: int) -> bool:
+        """Whether the samples have come up to a time."""
+        return self.t_last_gps_ns is not None and self.t_last_gps_ns >= t_gps_ns
 
     def breaks_off(self, block: InertialBlock) -> bool:
         """Whether a block is so far from the samples before it in time that nothing is left to carry on from."""

@@ -36,6 +36,14 @@ from plumbline.positioning.solutions import rotation_at
 from plumbline.records import Epoch, InertialBlock, Solution, Status
 
 
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """An instant whose samples are still to come, and the base as it was known."""
+
+    instant: Instant
+    base: BaseView
+
+
 @dataclass(slots=True)
 class TightModeState:
     """The platform's filter, and what waits."""
@@ -45,6 +53,7 @@ class TightModeState:
     seconds: MotionSeconds
     samples: ImuSamples = field(default_factory=ImuSamples)
     reference_position_ecef_m: Vector3 | None = None  # adopted where settings give none
+    waiting: list[_Waiting] = field(default_factory=list)
     t_told_waiting_ns: int = 0  # up to here it was said of epochs that they wait for samples
     counters: Counter[str] = field(default_factory=Counter)
 
@@ -86,7 +95,7 @@ class TightProcessor:
         if taken is None:
             return []
         outcomes = self._ran(receive_platform_samples(state.platform, *taken, self._platform()), block.t_receive_ns)
-        return outcomes
+        return [*outcomes, *self._use_waiting(block.t_receive_ns)]
 
     def _platform(self) -> Platform:
         context = self._context
@@ -94,30 +103,49 @@ class TightProcessor:
         return Platform(context.settings, context.settings.inertial, facts, context.source)
 
     def _instant(self, instant: Instant, as_of_ns: int) -> list[Outcome]:
-        """An instant into the filter, or the reason why it gives no solution (until the samples come, at least)."""
+        """An instant into the filter, or the reason why it gives no solution (until the samples come, at least).
+
+        The alignment looks at the samples up to its epoch, so until there is one, instants wait for theirs.
+        """
         state, context = self.state, self._context
         silent_s = state.samples.silent_s(as_of_ns)
         if silent_s is None or silent_s > WAITED_FOR_S:
-            return [self._nothing(instant.t_gps_ns, Status.NO_INERTIAL, _no_samples(silent_s), as_of_ns)]
-        base = _usable(
-            base_view(context.books.bases, instant.t_gps_ns, as_of_ns, context.settings.rtk), instant, context
-        )
-        running = bool(state.platform.aligned)
-        outcomes = self._ran(receive_platform_epochs(state.platform, instant.epochs, base, self._platform()), as_of_ns)
-        if not running:
-            words = state.platform.reason or f"aligned: {state.platform.aligned}"
-            return [*outcomes, self._nothing(instant.t_gps_ns, Status.ALIGNING, words, as_of_ns)]
-        if state.platform.reason:
-            status = Status.NO_BASE if base.epoch is None else Status.TOO_FEW_SATELLITES
-            return [*outcomes, self._nothing(instant.t_gps_ns, status, base.reason or state.platform.reason, as_of_ns)]
-        return [*outcomes, *self._waiting(silent_s, as_of_ns)] if silent_s > SILENT_S else outcomes
+            lost, state.waiting = [*(w.instant for w in state.waiting), instant], []
+            words = _no_samples(silent_s)
+            return [self._nothing(one.t_gps_ns, Status.NO_INERTIAL, words, as_of_ns) for one in lost]
+        known = base_view(context.books.bases, instant.t_gps_ns, as_of_ns, context.settings.rtk)
+        state.waiting.append(_Waiting(instant, _usable(known, instant, context)))
+        outcomes = self._use_waiting(as_of_ns)
+        return [*outcomes, *self._told_waiting(silent_s, as_of_ns)] if silent_s > SILENT_S else outcomes
 
-    def _waiting(self, silent_s: float, as_of_ns: int) -> list[Outcome]:
+    def _use_waiting(self, t_receive_ns: int) -> list[Outcome]:
+        """What the filter can take: everything once it runs, else the instants that the samples have reached."""
+        state, outcomes = self.state, list[Outcome]()
+        while state.waiting and (state.platform.aligned or state.samples.reach(state.waiting[0].instant.t_gps_ns)):
+            one, state.waiting = state.waiting[0], state.waiting[1:]
+            outcomes += self._use(one.instant, one.base, t_receive_ns)
+        return outcomes
+
+    def _use(self, instant: Instant, base: BaseView, t_receive_ns: int) -> list[Outcome]:
+        running = bool(self.state.platform.aligned)
+        result = receive_platform_epochs(self.state.platform, instant.epochs, base, self._platform())
+        outcomes, platform = self._ran(result, t_receive_ns), result.state
+        if not running:
+            words = platform.reason or f"aligned: {platform.aligned}"
+            return [*outcomes, self._nothing(instant.t_gps_ns, Status.ALIGNING, words, t_receive_ns)]
+        if platform.reason:
+            status = Status.NO_BASE if base.epoch is None else Status.TOO_FEW_SATELLITES
+            words = base.reason or platform.reason
+            return [*outcomes, self._nothing(instant.t_gps_ns, status, words, t_receive_ns)]
+        return outcomes
+
+    def _told_waiting(self, silent_s: float, as_of_ns: int) -> list[Outcome]:
         """Word of each epoch that waits for samples; the first time that they fail, of all since the last sample."""
         state = self.state
         timeline = state.platform.tight.timeline
         known_ns = max([state.t_told_waiting_ns, *(node.t_gps_ns for node in timeline.nodes[-1:])])
-        times = [m.t_gps_ns for m in timeline.measurements if m.t_gps_ns > known_ns]
+        waiting = [m.t_gps_ns for m in timeline.measurements] + [w.instant.t_gps_ns for w in state.waiting]
+        times = sorted(t_ns for t_ns in waiting if t_ns > known_ns)
         state.t_told_waiting_ns = max([known_ns, *times])
         return [self._nothing(t_ns, Status.NO_INERTIAL, _no_samples(silent_s), as_of_ns) for t_ns in times]
 
@@ -174,6 +202,7 @@ class TightProcessor:
         """Everything but the reference position."""
         fresh = self._fresh()
         self.state.instants.clear()
+        self.state.waiting = []
         self.state.platform, self.state.seconds, self.state.samples = fresh.platform, fresh.seconds, fresh.samples
 
     @property
