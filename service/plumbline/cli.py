@@ -219,7 +219,7 @@ def _station_settings(
     return offline.settings_of(
         mode, options.reference, options.antenna_height, options.systems, options.elevation_mask, options.motion,
         options.ar, options.rotation_deg, options.antex, rtk, options.quality_control,
-        _levels(options), platform,
+        levels=_levels(options), platform=platform,
     )  # fmt: skip
 
 

@@ -304,6 +304,7 @@ def settings_of(
     antex: Path | None = None,
     rtk: Mapping[str, object] | None = None,
     quality_control: str = "on",
+    *,
     levels: Mapping[str, float | None] | None = None,
     platform: Mapping[str, object] | None = None,
 ) -> StationSettings:

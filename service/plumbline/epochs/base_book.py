@@ -45,7 +45,7 @@ class BaseBook:
 
     def received_after(self, since_ns: int, until_ns: int) -> list[Epoch]:
         """Epochs received after a time and up to another, in order."""
-        first = bisect_right(self.epochs, since_ns, key=_received)
+        first = bisect_right(self.epochs, since_ns, key=_receive_time)
         return [epoch for epoch in self.epochs[first:] if epoch.t_receive_ns <= until_ns]
 
     def description(self, as_of_receive_ns: int) -> AntennaDescription | None:
@@ -73,10 +73,6 @@ class BaseBook:
         """The last two epochs received by a time."""
         known = (e for e in reversed(self.epochs) if e.t_receive_ns <= as_of_receive_ns)
         return list(islice(known, 2))[::-1]
-
-
-def _received(epoch: Epoch) -> int:
-    return epoch.t_receive_ns
 
 
 def _time(epoch: Epoch) -> int:

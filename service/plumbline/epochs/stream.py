@@ -9,6 +9,7 @@ from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.base_book import BaseBook
 from plumbline.epochs.correction_book import CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
+from plumbline.epochs.history import HISTORY_NS
 from plumbline.epochs.reference_book import ReferenceBook
 from plumbline.epochs.time_base import TimeBase
 from plumbline.epochs.translate_ssr import SsrTranslator
@@ -36,7 +37,6 @@ from plumbline.rtcm3.station import describe
 from plumbline.signals import System, system_of
 
 _WEEKLESS_KEPT: Final = 500
-_INERTIAL_KEPT_NS: Final = 60_000_000_000
 _BASE_DEADLINE_NS: Final = 800_000_000  # how long a base's epoch waits for late constellations
 
 
@@ -203,8 +203,8 @@ class NavigationFeed:
     def _keep_samples(self, message: InertialMessage, t_receive_ns: int) -> None:
         block = message.block(self._books.time_base.near(t_receive_ns), t_receive_ns)
         held = self._books.inertial.get(self.stream, [])
-        oldest_ns = t_receive_ns - _INERTIAL_KEPT_NS
-        self._books.inertial[self.stream] = [*(b for b in held if b.t_receive_ns > oldest_ns), block]
+        oldest_ns = t_receive_ns - HISTORY_NS
+        self._books.inertial[self.stream] = [*(b for b in held if b.t_receive_ns >= oldest_ns), block]
 
     def _describe(self, message: Message, t_receive_ns: int) -> None:
         description = describe(self._description, message)
