@@ -141,16 +141,18 @@ def test_platform_live(serve: Callable, device: type, shaken_platform: Path, tmp
     asyncio.run(play(shaken_platform, device, server.ingest_port, kill))
 
     def all_there() -> bool:
-        items = httpx.get(solutions_url).json()["items"]
+        items = httpx.get(solutions_url, timeout=60.0).json()["items"]
         return len(items) == 400 and items[-1]["status"] == "rtk_fixed"
 
     server.wait_for(all_there)
-    items = httpx.get(solutions_url).json()["items"]
+    items = httpx.get(solutions_url, timeout=60.0).json()["items"]
     late = items[-100:]
     assert all(item["status"] == "rtk_fixed" for item in late)
     angles = np.array([[item[f"{name}_deg"] for name in ("roll", "pitch", "heading")] for item in late])
     assert (np.abs(angles.mean(axis=0) - [ROLL_DEG, PITCH_DEG, HEADING_DEG]) < [0.1, 0.1, 0.2]).all()
-    motion = httpx.get(f"{server.http}/v1/stations/platform/motion?resolution=samples&max_points=5000").json()
+    motion = httpx.get(
+        f"{server.http}/v1/stations/platform/motion?resolution=samples&max_points=5000", timeout=60.0
+    ).json()
     assert len(motion["heading_deg"]) > 2000
     assert server.stop() == 0, server.log
     assert server.log.count("ended with -9") == 1
