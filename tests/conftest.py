@@ -3,7 +3,10 @@
 import os
 from pathlib import Path
 
-import pytest
+for _name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # as workers run: sums over several threads differ in their last bits
+
+import pytest  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

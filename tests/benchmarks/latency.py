@@ -80,30 +80,35 @@ async def _latencies(ingest: int, bus_port: int, base: list[bytes], rover: list[
     bus = await Bus.open(connect=(f"tcp/127.0.0.1:{bus_port}",))
     inbox = Inbox()
     bus.subscribe(keys.of(keys.SOLUTION, "rover"), inbox)
+    arrived_s: dict[int, float] = {}
+    satellites = [0]
+
+    async def read() -> None:
+        while True:
+            messages = await inbox.get()
+            now_s = time.perf_counter()
+            for message in messages:
+                solution = codec.decode(decode_numbered(message.payload).body)
+                if isinstance(solution, Solution):
+                    arrived_s.setdefault(solution.t_gps_ns, now_s)
+                    satellites[0] = max(satellites[0], solution.n_satellites)
+
+    reader = asyncio.create_task(read())
     writers = await _connect(ingest, b"base!"), await _connect(ingest, b"rover!")
-    found, satellites = [], 0
+    sent_s: dict[int, float] = {}
     for k in range(min(len(base), len(rover))):
         writers[0].write(base[k])
         await asyncio.sleep(_BASE_AHEAD_S)
         writers[1].write(rover[k])
-        sent_s, arrived_s = time.perf_counter(), None
-        while arrived_s is None:
-            try:
-                async with asyncio.timeout(5.0):
-                    messages = await inbox.get()
-            except TimeoutError:
-                break  # an epoch that closes later than the rest (the first ones)
-            for message in messages:
-                solution = codec.decode(decode_numbered(message.payload).body)
-                if isinstance(solution, Solution) and solution.t_gps_ns >= _START_NS + k * NS_PER_S:
-                    arrived_s, satellites = time.perf_counter(), max(satellites, solution.n_satellites)
-        if k >= _WARM and arrived_s is not None:
-            found.append(arrived_s - sent_s)
+        sent_s[_START_NS + k * NS_PER_S] = time.perf_counter()
         await asyncio.sleep(_INTERVAL_S - _BASE_AHEAD_S)
+    await asyncio.sleep(2.0)
+    reader.cancel()
     for writer in writers:
         writer.close()
     await bus.close()
-    return found, satellites
+    measured = list(sent_s)[_WARM:]
+    return [arrived_s[t] - sent_s[t] for t in measured if t in arrived_s], satellites[0]
 
 
 def run() -> list[Row]:

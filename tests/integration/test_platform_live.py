@@ -159,7 +159,9 @@ def test_platform_live(serve: Callable, device: type, shaken_platform: Path, tmp
 
     found, blocks, configs = asyncio.run(stored(server.data_dir))
     expected, expected_blocks = replayed(server.data_dir, configs)
-    assert [row(s) for s in found] == [row(expected[t]) for t in sorted(expected)]
+    pairs = list(zip(map(row, found), (row(expected[t]) for t in sorted(expected)), strict=True))
+    different = [(a, b) for a, b in pairs if a != b]
+    assert not different, f"{len(different)} rows differ, first {different[0]}"
     assert [(b.t_first_gps_ns, b.revision, b.status, len(b.displacement_enu_m)) for b in blocks] == [
         (b.t_first_gps_ns, b.revision, b.status, len(b.displacement_enu_m))
         for b in (expected_blocks[t] for t in sorted(expected_blocks))
