@@ -45,7 +45,7 @@ def settings_of(mask_deg: float = 12.0, systems: str = "GEC", **rtk: object) -> 
 def antenna(offset_enu_m: np.ndarray | list[float], seed: int, motion: Motion | None = None) -> Receiver:
     """A perfect receiver at an offset from the base."""
     x, y, z = (BASE_ECEF_M + ENU.T @ np.asarray(offset_enu_m, float)).tolist()
-    return Receiver(StationPlan("a", (x, y, z), motion or static(), PERFECT, seed=seed), SKY)
+    return Receiver(StationPlan("a", (x, y, z), motion or static(), errors=PERFECT, seed=seed), SKY)
 
 
 def sine_of(epoch: Epoch) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Redundant baselines. Oracles: the distribution of the adjustment's statistic, and the simulation's truth."""
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from plumbline.positioning.facts import StationFacts
@@ -65,7 +66,7 @@ def test_three_bases_one_of_them_moved() -> None:
         if k == 5:
             views[0] = no_base("a", "last data of base a 12 s ago, limit 10 s")
         epoch = rover.epoch(t)
-        state, solution = step(
+        state, solution, _ = step(
             state, noisy(epoch, sine_of(epoch), rng), views, source, settings, StationFacts("r")
         )  # fmt: skip
         assert solution.status is Status.RTK_FIXED
@@ -76,3 +77,27 @@ def test_three_bases_one_of_them_moved() -> None:
             assert np.linalg.norm(error) < 0.02
     assert "bases b and c disagree by" in solution.reason
     assert "last data of base a" in solution.reason
+
+
+@pytest.mark.parametrize("who", ["a", "b", "rover"])
+def test_of_two_bases_the_one_that_moves_is_named_and_a_motion_of_the_rover_is_not(who: str) -> None:
+    """6 cm after ten epochs: of a base's antenna (its coordinates stay), or of the rover's."""
+    settings = settings_of()
+    source, rng, state = source_of(settings), np.random.default_rng(4), NetworkState()
+    step_enu_m, told = np.array([0.05, 0.03, 0.0]), {n: BASE_ECEF_M + ENU.T @ PLACES_ENU_M[n] for n in "ab"}
+    for k in range(14):
+        t, moved = T_NS + k * SECOND, step_enu_m * (k >= 10)
+        views = []
+        for i, name in enumerate("ab"):
+            epoch = antenna(PLACES_ENU_M[name] + moved * (who == name), 1 + i).epoch(t)
+            views.append(BaseView(name, noisy(epoch, sine_of(epoch), rng), told[name]))
+        epoch = antenna(ROVER_ENU_M + moved * (who == "rover"), 9).epoch(t)
+        state, solution, seen = step(
+            state, noisy(epoch, sine_of(epoch), rng), views, source, settings, StationFacts("r")
+        )  # fmt: skip
+        assert solution.status is Status.RTK_FIXED
+        assert seen is not None
+        error = ENU @ (solution.position_ecef_m - BASE_ECEF_M) - ROVER_ENU_M - moved * (who == "rover")
+        assert np.linalg.norm(error) < 0.02
+        expected = f"base {who} has moved since the bases agreed and is left out" if who != "rover" and k >= 10 else ""
+        assert solution.reason == expected

@@ -113,6 +113,7 @@ def _check_outliers(clean: Clean, seeds: range) -> None:
         away_m = _away_m(ran, clean)
         assert away_m.max() < 0.02  # no wrong integer: half a cycle is nine centimetres
         assert len(away_m) >= 0.995 * len(clean.ran)
+    print(f"outliers: {found} of {planned} found, {false} of {good} good ones left out")
     assert found >= 0.99 * planned, (found, planned)
     assert false < 0.001 * good, (false, good)
 
@@ -125,7 +126,7 @@ def test_outliers_are_found_and_attributed_and_cause_no_wrong_fix(clean: Clean) 
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("recording", [STR, SC134], ids=lambda recording: recording.folder)
 def test_outliers_of_many_seeds_in_the_whole_recordings(data_dir: Path, recording: Recording) -> None:
-    _check_outliers(_clean(data_dir, recording, 0, 10_000), range(100, 110))
+    _check_outliers(_clean(data_dir, recording, 0, 10_000), range(100, 105))
 
 
 def _plan_slips(clean: Clean, rng: np.random.Generator) -> dict[Key, int]:

@@ -79,8 +79,12 @@ class RelativeProcessor:
         facts, bases = context.facts_at(epoch), context.books.bases
         if self._network:
             views = network_views(bases, epoch.t_gps_ns, as_of_ns, settings.rtk)
-            state.network, solution = rtk_network.step(state.network, epoch, views, context.source, settings, facts)
-            return solution, None
+            state.network, solution, shown = rtk_network.step(
+                state.network, epoch, views, context.source, settings, facts
+            )
+            if shown is None:
+                return solution, None
+            return solution, relative_report(solution, shown.state, shown.diagnostics, settings)
         base = base_view(bases, epoch.t_gps_ns, as_of_ns, settings.rtk)
         state.relative, solution, seen = rtk.step(state.relative, epoch, base, context.source, settings, facts)
         report = None if seen is None else relative_report(solution, state.relative, seen, settings)

@@ -69,7 +69,7 @@ def relative_report(
         station=solution.station,
         t_gps_ns=solution.t_gps_ns,
         t_receive_ns=solution.t_receive_ns,
-        tests=_tests(state, seen, settings),
+        tests=_tests(state, seen, settings) | _network_tests(solution),
         satellite=rows["satellite"][row],
         is_phase=model.is_phase,
         signals=_signals(rows, row),
@@ -196,6 +196,11 @@ def _tests(state: RtkState, seen: RtkDiagnostics, settings: StationSettings) -> 
         "ratio": seen.ratio,
         "success_rate": seen.success_rate,
     }
+
+
+def _network_tests(solution: Solution) -> dict[str, float]:
+    """Of the adjustment of several bases, where there was one."""
+    return {name: value for name, value in solution.extras.items() if name.startswith("network_")}
 
 
 def _events(seen: RtkDiagnostics) -> tuple[str, ...]:
