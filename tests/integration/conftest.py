@@ -39,13 +39,13 @@ class Serving:
         """What it has written so far."""
         return self._log.read_text(encoding="utf-8")
 
-    def wait_until_serving(self, timeout_s: float = 60.0) -> "Serving":
+    def wait_until_serving(self, timeout_s: float = 240.0) -> "Serving":
         """Until it says where it can be reached."""
         self.wait_for(lambda: "serving: " in self.log, timeout_s)
         return self
 
     def wait_for(
-        self, done: Callable[[], bool], timeout_s: float = 60.0, progress: Callable[[], object] = lambda: None
+        self, done: Callable[[], bool], timeout_s: float = 120.0, progress: Callable[[], object] = lambda: None
     ) -> None:
         """Until something holds; fails with the log when the process ends or nothing has moved for a time."""
         deadline, before = time.monotonic() + timeout_s, progress()
@@ -82,7 +82,7 @@ class Serving:
         self.process.kill()
         self.process.wait()
 
-    def stop(self, timeout_s: float = 90.0) -> int:
+    def stop(self, timeout_s: float = 240.0) -> int:
         """SIGTERM, and the exit status."""
         self.process.send_signal(signal.SIGTERM)
         return self.process.wait(timeout_s)

@@ -104,10 +104,12 @@ async def test_a_full_inbox_drops_and_says_so() -> None:
     hub = await Bus.open(listen=["tcp/127.0.0.1:0"])
     inbox = Inbox(max_bytes=10_000)
     hub.subscribe("t/**", inbox)
+    hub.subscribe("must/arrive", inbox, droppable=False)
     for _ in range(30):
         hub.put("t/x", bytes(1000))
+    hub.put("must/arrive", b"")
     await asyncio.sleep(0.2)
-    assert len(inbox.get_nowait()) == 11
+    assert [message.key for message in inbox.get_nowait()] == ["t/x"] * 11 + ["must/arrive"]
     assert inbox.take_overflow()
     assert not inbox.take_overflow()
     assert inbox.dropped == 19

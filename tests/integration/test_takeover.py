@@ -11,6 +11,7 @@ import json
 import os
 import random
 import signal
+import socket
 import sqlite3
 import time
 from collections.abc import Callable
@@ -27,7 +28,7 @@ from plumbline.records import Solution
 from plumbline.store import Store
 from plumbline.worker.replay import replay_archive
 
-pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.realdata, pytest.mark.slow, pytest.mark.timeout(900)]
 
 CONFIG = """
 http_host = "127.0.0.1"
@@ -68,13 +69,21 @@ def recordings(data_dir: Path) -> dict[str, list[bytes]]:
 
 
 async def send(
-    device: type, port: int, packets: dict[str, list[bytes]], begin: int, end: int, pause_s: float = 0.01
+    device: type,
+    port: int,
+    packets: dict[str, list[bytes]],
+    begin: int,
+    end: int,
+    pause_s: float = 0.01,
+    linger: asyncio.Event | None = None,
 ) -> None:
-    """Packets ``begin`` to ``end`` of every stream, in step."""
+    """Packets ``begin`` to ``end`` of every stream, in step; the last ones not before ``linger``."""
     devices = {name: device(port, f"{name}!".encode()) for name in packets}
     for one in devices.values():
         await one.__aenter__()
     for i in range(begin, end):
+        if linger is not None and i == end - 10:
+            await linger.wait()
         for name, one in devices.items():
             await one.send(packets[name][i], packet=1 << 20, pause_s=0.0)
         await asyncio.sleep(pause_s)
@@ -198,7 +207,16 @@ def test_killed_workers_leave_no_mark(serve: Callable, device: type, data_dir: P
     assert_equals_replay(server.data_dir, least_rows=2500)
 
 
-async def send_until_killed(device: type, port: int, packets: dict[str, list[bytes]], begin: int, end: int) -> int:
+def free_port() -> int:
+    """A TCP port that nobody listens on at the moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+async def send_until_killed(
+    device: type, port: int, packets: dict[str, list[bytes]], begin: int, end: int, pause_s: float = 0.01
+) -> int:
     """Packets from ``begin`` on, as far as the server lives; the number of the next."""
     devices = {name: device(port, f"{name}!".encode()) for name in packets}
     i = begin
@@ -209,7 +227,7 @@ async def send_until_killed(device: type, port: int, packets: dict[str, list[byt
             for name, one in devices.items():
                 await one.send(packets[name][i], packet=1 << 20, pause_s=0.0)
             i += 1
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(pause_s)
     for one in devices.values():
         with contextlib.suppress(OSError, AttributeError):
             await one.__aexit__()
@@ -249,14 +267,60 @@ def kill_server_twice(serve: Callable, device: type, data_dir: Path, seed: int, 
 
 
 def test_killed_server_resumes_where_it_was(serve: Callable, device: type, data_dir: Path) -> None:
-    kill_server_twice(serve, device, data_dir, seed=0, n=150)
+    kill_server_twice(serve, device, data_dir, seed=0, n=100)
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("seed", range(1, 21))
 def test_killed_server_at_many_moments(serve: Callable, device: type, data_dir: Path, seed: int) -> None:
-    kill_server_twice(serve, device, data_dir, seed, n=150)
+    kill_server_twice(serve, device, data_dir, seed, n=100)
+
+
+def kill_ingest(serve: Callable, device: type, data_dir: Path, hub: str, seed: int, n: int) -> None:
+    """Every role is a process; the ingest is killed in the midst of traffic and started again, the others live on."""
+    choice = random.Random(seed)
+    packets = recordings(data_dir)
+    port = free_port()
+    ends = {True: f'bus_endpoint = "tcp/127.0.0.1:{port}"', False: f'bus_connect = ["tcp/127.0.0.1:{port}"]'}
+    roles = ("ingest", "store", "worker")
+    started = {
+        role: serve(CONFIG.format(extra=ends[role == hub]), "--role", role, wait=role == hub == "store")
+        for role in sorted(roles, key=lambda role: role != hub)
+    }
+    for one in started.values():
+        one.wait_until_serving()
+
+    async def play(begin: int, kill_after_s: float) -> int:
+        sending = asyncio.create_task(
+            send_until_killed(device, started["ingest"].ingest_port, packets, begin, n, pause_s=0.03)
+        )
+        await asyncio.sleep(kill_after_s)
+        await asyncio.to_thread(started["ingest"].kill)
+        return await sending
+
+    reached = 0
+    for kill_after_s in (choice.uniform(3.0, 5.0), choice.uniform(2.0, 4.0)):
+        reached = asyncio.run(play(reached, kill_after_s))
+        started["ingest"] = serve(CONFIG.format(extra=ends[hub == "ingest"]), "--role", "ingest")
+    asyncio.run(send_until_killed(device, started["ingest"].ingest_port, packets, reached, n))
+    wait_until_all_consumed(started["ingest"])
+    for role in ("worker", "store", "ingest") if hub == "ingest" else ("ingest", "worker", "store"):
+        assert started[role].stop() == 0, started[role].log
+    assert_equals_replay(started["ingest"].data_dir, least_rows=n * 3)
+
+
+@pytest.mark.parametrize("hub", ["store", "ingest"])
+def test_killed_ingest_leaves_no_mark(serve: Callable, device: type, data_dir: Path, hub: str) -> None:
+    kill_ingest(serve, device, data_dir, hub, seed=0, n=80)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("hub", ["store", "ingest"])
+def test_killed_ingest_at_many_moments(serve: Callable, device: type, data_dir: Path, hub: str, seed: int) -> None:
+    kill_ingest(serve, device, data_dir, hub, seed, n=100)
 
 
 def test_orderly_end_and_restart_lose_nothing(serve: Callable, device: type, data_dir: Path) -> None:

@@ -7,13 +7,13 @@ from collections import Counter
 from pathlib import Path
 
 from plumbline.app.archive_writer import ArchiveWriter
+from plumbline.app.publisher import Publisher
 from plumbline.archive import Archive
 from plumbline.bus import Bus, Inbox, Outbox, codec, keys
 from plumbline.bus.messages import (
     ArchiveReply,
     Report,
     StationConfig,
-    Tick,
     decode_configs,
     encode_archive_reply,
     encode_chunk,
@@ -39,7 +39,6 @@ class IngestRole:
         self._configs: dict[str, StationConfig] = {}
         self._cache = settings.data_dir / "stations.msgpack"
         self._tasks: list[asyncio.Task[None]] = []
-        self._refused = False  # something was not published, and nobody has been told
         self.counters: Counter[str] = Counter()
 
     async def start(self) -> None:
@@ -48,14 +47,15 @@ class IngestRole:
         for station, mended in self._archive.mended.items():
             log.warning("archive of %s: %d bytes mended after a crash", station, mended)
         self._clock = ReceiveClock(self._archive.last_receive_ns())
-        self._generation = self._clock.now()
         self._outbox = Outbox(self._bus)
         self._writer = ArchiveWriter(self._archive, self._clock, self._publish_chunk)
+        archive_id = self._archive.archive_id
+        self._publisher = Publisher(self._outbox, archive_id, self._clock.now, self._writer.complete_ns)
         self._inbox = Inbox()
         self._bus.subscribe(f"{keys.SETTINGS}/**", self._inbox)
+        self._bus.watch(f"{keys.ALIVE_STORE}/**", self._inbox)
         await self._learn_stations()
         self.server = IngestServer(self._settings, self._directory(), self._writer.take, self._event, self._clock)
-        archive_id = self._archive.archive_id
         self._bus.answer(keys.of(keys.QUERY_ARCHIVE, archive_id, "*"), self._answer_archive)
         self._bus.answer(keys.of(keys.QUERY_DEVICES, archive_id), self._answer_devices)
         self._bus.answer(keys.of(keys.QUERY_REPORT, archive_id), self._answer_report)
@@ -73,7 +73,7 @@ class IngestRole:
             task.cancel()
         await self.server.stop()
         self._writer.retry()
-        self._publish_tick()
+        self._publisher.tick()
         await self._outbox.close()
         await asyncio.to_thread(self._archive.sync)
 
@@ -84,21 +84,12 @@ class IngestRole:
     # ----------------------------------------------------------------------------------------- bytes
 
     def _publish_chunk(self, chunk: Chunk) -> None:
-        self._put(keys.of(keys.RAW, chunk.station), encode_chunk(chunk))
-
-    def _put(self, key: str, payload: bytes) -> None:
-        """Publish. What a jammed bus refuses is in the archive: a new generation says so, before anything later."""
-        if self._refused and not self._publish_tick():
-            self.counters["not_published"] += 1
-        elif not self._outbox.put(key, payload):
-            self.counters["not_published"] += 1
-            self._refused = True
-            self._generation = self._clock.now()
+        self._publisher.put(keys.of(keys.RAW, chunk.station), encode_chunk(chunk))
 
     def _event(self, event: ConnectionEvent) -> None:
         log.info("%s %s: %s", event.station, event.kind, event.reason)
         body = codec.encode([event.kind, event.reason, event.t_gps_ns])
-        self._put(keys.of(keys.CONNECTION, event.station), body)
+        self._publisher.put(keys.of(keys.CONNECTION, event.station), body)
 
     def _ntrip_event(self, station: str, kind: str, reason: str) -> None:
         self._event(ConnectionEvent(station, kind, reason, self._clock.now()))
@@ -107,14 +98,8 @@ class IngestRole:
         interval_s = max(self._settings.hold_back_s, LEAST_TICK_S)
         while True:
             self._writer.retry()
-            self._publish_tick()
+            self._publisher.tick()
             await asyncio.sleep(interval_s)
-
-    def _publish_tick(self) -> bool:
-        tick = Tick(self._archive.archive_id, self._generation, self._writer.complete_ns())
-        told = self._outbox.put(keys.of(keys.CLOCK, tick.archive), encode_fields(tick))
-        self._refused = self._refused and not told
-        return told
 
     async def _sync(self) -> None:
         while True:
@@ -131,7 +116,7 @@ class IngestRole:
         """[receive time to begin at, about how many bytes]."""
         station = keys.last_part(key)
         from_ns, max_bytes = codec.decode(payload)
-        end, t_now_ns, generation = self._archive.end(station), self._writer.complete_ns(), self._generation
+        end, t_now_ns, generation = self._archive.end(station), self._writer.complete_ns(), self._publisher.generation
         chunks = await asyncio.to_thread(self._archive.read, station, 0, max_bytes, from_ns)
         return encode_archive_reply(ArchiveReply(end, generation, t_now_ns, tuple(chunks)))
 
@@ -145,25 +130,35 @@ class IngestRole:
         return encode_fields(Report("ingest", self._archive.archive_id, self._metrics(), failing))
 
     def _metrics(self) -> dict[str, int]:
-        refusals = {f"refused_{reason}": n for reason, n in self.server.callers.refusals.items()}
-        now = {"open_connections": self.server.n_connections, "connected_stations": len(self.server.connected())}
-        steps = {"clock_steps_back": self._clock.steps_back, "bytes_waiting_for_disk": self._writer.waiting_bytes}
-        return dict(self.counters) | dict(self._writer.counters) | dict(self.server.counters) | refusals | now | steps
+        counters = dict(self.counters)
+        for part in (self._publisher.counters, self._writer.counters, self.server.counters):
+            counters |= part
+        counters |= {f"refused_{reason}": n for reason, n in self.server.callers.refusals.items()}
+        return counters | {
+            "open_connections": self.server.n_connections,
+            "connected_stations": len(self.server.connected()),
+            "clock_steps_back": self._clock.steps_back,
+            "bytes_waiting_for_disk": self._writer.waiting_bytes,
+        }
 
     # ----------------------------------------------------------------------------------------- stations
 
     async def _learn_stations(self) -> None:
-        """Ask the store; where it does not answer, the last answer, kept in a file, has to do for now."""
+        """Ask the store; where it does not answer, the last answer, kept in a file, has to do until it comes."""
         for _ in range(10):
-            answers = await self._bus.query(keys.QUERY_STATIONS, timeout_s=1.0)
-            if answers:
-                self._configs = {c.station: c for answer in answers for c in decode_configs(answer)}
-                self._remember()
+            if await self._ask_store():
                 return
             await asyncio.sleep(0.2)
         with contextlib.suppress(OSError, ValueError):
             self._configs = {c.station: c for c in decode_configs(self._cache.read_bytes())}
-            log.warning("no store answers: beginning with %d stations known before", len(self._configs))
+        log.warning("no store answers: beginning with %d stations known before", len(self._configs))
+
+    async def _ask_store(self) -> bool:
+        answers = await self._bus.query(keys.QUERY_STATIONS, timeout_s=1.0)
+        if answers:
+            self._configs = {c.station: c for answer in answers for c in decode_configs(answer)}
+            self._remember()
+        return bool(answers)
 
     def _remember(self) -> None:
         temporary = Path(f"{self._cache}.new")
@@ -177,15 +172,17 @@ class IngestRole:
         return Directory(c.settings for c in self._configs.values() if c.settings and c.station not in fetched)
 
     async def _follow_settings(self) -> None:
+        """Changes as they are told; a store that comes (back) is asked for what was missed meanwhile."""
         while True:
             for message in await self._inbox.get():
+                if message.key.startswith(keys.ALIVE_STORE):
+                    if message.alive:
+                        await self._ask_store()
+                    continue
                 try:
-                    configs = decode_configs(message.payload)
+                    self._configs |= {config.station: config for config in decode_configs(message.payload)}
                 except ValueError as error:
                     log.error("unreadable settings: %s", error)
-                    continue
-                for config in configs:
-                    self._configs[config.station] = config
             self._configs = {name: c for name, c in self._configs.items() if c.settings is not None}
             self._remember()
             await self.server.change_directory(self._directory())

@@ -28,8 +28,9 @@ class Message(NamedTuple):
 class Inbox:
     """Messages from zenoh's threads to one reader on an event loop: first in, first out over all its subscriptions.
 
-    When more than ``max_bytes`` wait, further payloads are dropped and counted in ``dropped``; the reader learns of it
-    by :meth:`take_overflow` and must get what it missed elsewhere (the archive). Nobody upstream is ever blocked.
+    When more than ``max_bytes`` wait, further droppable messages are dropped and counted in ``dropped``; the reader
+    learns of it by :meth:`take_overflow` and must get what it missed elsewhere (the archive). Nobody upstream is ever
+    blocked.
     """
 
     def __init__(self, max_bytes: int = 256 << 20) -> None:
@@ -44,10 +45,10 @@ class Inbox:
         self._last_get_s = 0.0
         self.dropped = 0
 
-    def put(self, message: Message) -> None:
+    def put(self, message: Message, *, droppable: bool = True) -> None:
         """Add a message, from any thread."""
         with self._lock:
-            if self._bytes > self._max_bytes:
+            if droppable and self._bytes > self._max_bytes:
                 self.dropped += 1
                 self._overflowed = True
                 return
@@ -126,11 +127,11 @@ class Bus:
         """Send to every subscriber, reliably and in order; blocks while the link is full."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
-    def subscribe(self, key: str, inbox: Inbox) -> Callable[[], None]:
+    def subscribe(self, key: str, inbox: Inbox, *, droppable: bool = True) -> Callable[[], None]:
         """Have what is put under a key expression delivered; the answer ends it."""
 
         def receive(sample: Any) -> None:
-            inbox.put(Message(str(sample.key_expr), sample.payload.to_bytes()))
+            inbox.put(Message(str(sample.key_expr), sample.payload.to_bytes()), droppable=droppable)
 
         return self._keep(self._session.declare_subscriber(key, _direct(receive)))
 
@@ -142,7 +143,7 @@ class Bus:
         """Have the coming and going of liveliness tokens delivered, those already there first."""
 
         def receive(sample: Any) -> None:
-            inbox.put(Message(str(sample.key_expr), b"", sample.kind == zenoh.SampleKind.PUT))
+            inbox.put(Message(str(sample.key_expr), b"", sample.kind == zenoh.SampleKind.PUT), droppable=False)
 
         return self._keep(self._session.liveliness().declare_subscriber(key, _direct(receive), history=True))
 

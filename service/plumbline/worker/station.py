@@ -116,7 +116,7 @@ class StationRunner:
     def receive(self, chunk: Chunk) -> list[Output]:
         """The next bytes of the station, or of a neighbour."""
         self._apply_change(chunk.t_receive_ns)
-        self.consumed_ns = chunk.t_receive_ns
+        self.consumed_ns = max(self.consumed_ns, chunk.t_receive_ns)
         self.unsaved = True
         if chunk.station == self.config.station:
             return self._guarded(lambda pipeline: pipeline.receive(chunk.data, chunk.t_receive_ns))

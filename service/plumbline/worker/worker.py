@@ -6,7 +6,6 @@ last stored checkpoint, then the archive from where the checkpoint had consumed 
 
 import asyncio
 import contextlib
-import itertools
 import logging
 import time
 from collections import Counter
@@ -77,8 +76,9 @@ class Worker:
 
     async def run(self) -> None:
         """Work until stopped."""
-        for key in (keys.CLOCK, keys.SETTINGS, keys.REWIND, keys.CONNECTION):
-            self._bus.subscribe(f"{key}/**", self._inbox)
+        self._bus.subscribe(f"{keys.CLOCK}/**", self._inbox)
+        for key in (keys.SETTINGS, keys.REWIND, keys.CONNECTION):
+            self._bus.subscribe(f"{key}/**", self._inbox, droppable=False)
         self._bus.watch("plumbline/alive/**", self._inbox)
         self._bus.answer(keys.of(keys.QUERY_REPORT, self.worker_id), self._answer_report)
         await self._learn_stations()
@@ -267,11 +267,15 @@ class Worker:
         await self._open([station for station in mine if station not in self._runners])
 
     async def _restart(self) -> None:
-        """Begin with everything again: stations from their checkpoints, books from a snapshot that is old enough."""
+        """Begin with everything again: stations from their checkpoints, books from a snapshot that is old enough.
+
+        Settings that were changed while the store, or this worker, was away are learnt too.
+        """
         self.counters["restarts"] += 1
         for station in list(self._subscriptions):
             self._drop(station)
         self._books.clear()
+        await self._learn_stations()
         mine = self._mine()
         checkpoints = await self._checkpoints(mine)
         corrections = [station for station in sorted(self._configs) if self._is_correction(station)]
@@ -324,19 +328,25 @@ class Worker:
             end()
 
     async def _checkpoints(self, stations: Iterable[str]) -> dict[str, CheckpointMessage | None]:
-        """The last stored checkpoints; waits for a store that does not answer."""
-        limit = asyncio.Semaphore(16)
+        """The last stored checkpoints, None where there is none.
 
-        async def ask(station: str) -> tuple[str, CheckpointMessage | None]:
+        Waits for a store that does not answer; when this worker is to stop, its stations are left out instead.
+        """
+        limit, found = asyncio.Semaphore(16), dict[str, CheckpointMessage | None]()
+
+        async def ask(station: str) -> None:
             async with limit:
-                for _ in range(3) if self._stopping else itertools.count():
+                while station not in found:
                     answers = await self._bus.query(keys.of(keys.QUERY_CHECKPOINT, station), timeout_s=5.0)
                     if answers:
-                        return station, decode_checkpoint(answers[0]) if answers[0] else None
-                    await asyncio.sleep(0.5)
-            return station, None
+                        found[station] = decode_checkpoint(answers[0]) if answers[0] else None
+                    elif self._stopping:
+                        return
+                    else:
+                        await asyncio.sleep(0.5)
 
-        return dict(await asyncio.gather(*(ask(station) for station in stations)))
+        await asyncio.gather(*(ask(station) for station in stations))
+        return found
 
     async def _first_needed_ns(self, checkpoints: dict[str, CheckpointMessage | None]) -> int:
         """The receive time of the first bytes that any of the stations has not consumed; now, where there are none."""
