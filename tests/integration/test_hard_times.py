@@ -5,6 +5,7 @@ Oracle: every byte sent is archived, and every stored row equals the archive's r
 
 import asyncio
 import contextlib
+import re
 import resource
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from tests.integration.test_takeover import (
     ready,
     recordings,
     send,
+    send_until_killed,
     wait_until_all_consumed,
 )
 
@@ -61,13 +63,13 @@ def test_trouble_under_traffic_is_told_and_leaves_no_mark(
     server.wait_for(lambda: ready(server.http))
 
     def told() -> str:
-        return httpx.get(f"{server.http}/readyz", timeout=20.0).text
+        return httpx.get(f"{server.http}/readyz", timeout=60.0).text
 
     async def play() -> None:
         sending = asyncio.create_task(
             send(device, server.ingest_port, packets, 0, N_PACKETS, pause_s=0.03, linger=recovered)
         )
-        await asyncio.sleep(3.0)
+        await asyncio.sleep(2.0)
         with trouble(server):
             await asyncio.to_thread(server.wait_for, lambda: part in told())
         await asyncio.to_thread(server.wait_for, lambda: ready(server.http))
@@ -104,3 +106,49 @@ def test_an_ingest_that_was_first_learns_its_stations_when_a_store_comes(serve: 
         return "rover connected" in ingest.log
 
     ingest.wait_for(known)
+
+
+MANY = [f"s{number:02d}" for number in range(60)]
+MANY_CONFIG = """
+http_host = "127.0.0.1"
+http_port = 0
+ingest_host = "127.0.0.1"
+ingest_port = 0
+checkpoint_interval_s = 2.0
+workers = 2
+""" + "".join(
+    f"""
+[[stations]]
+station = "{name}"
+mode = "{"corrections" if name == "ssr" else "ppp"}"
+device = {{ registrations = ["{name}!"] }}
+"""
+    for name in (*MANY, "ssr")
+)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+def test_sixty_stations_through_a_restart_and_a_worker_that_comes_late(
+    serve: Callable, device: type, data_dir: Path
+) -> None:
+    packets = recordings(data_dir)
+    streams = dict.fromkeys(MANY, packets["rover"]) | {"ssr": packets["ssr"]}
+    n = 14
+
+    async def play(server: Any, begin: int, disturb: Callable[[], Any]) -> int:
+        sending = asyncio.create_task(send_until_killed(device, server.ingest_port, streams, begin, n, pause_s=1.0))
+        await asyncio.sleep(6.0)
+        await asyncio.to_thread(disturb)
+        return await sending
+
+    server = serve(MANY_CONFIG)
+    server.wait_for(lambda: ready(server.http))
+    reached = asyncio.run(play(server, 0, server.stop))
+    assert 0 < reached < n
+    server = serve(MANY_CONFIG)
+    (endpoint,) = re.findall(r"serving: bus (\S+),", server.log)
+    asyncio.run(play(server, reached, lambda: serve(f'bus_connect = ["{endpoint}"]\nworkers = 1', "--role", "worker")))
+    wait_until_all_consumed(server, MANY)
+    assert server.stop() == 0, server.log
+    assert_equals_replay(server.data_dir, least_rows=n * 2, stations=MANY)

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.timeout(180)
 
 
 def ready(http: str) -> bool:
-    return httpx.get(f"{http}/readyz").status_code == 200
+    return httpx.get(f"{http}/readyz", timeout=60.0).status_code == 200
 
 
 @pytest.mark.realdata

@@ -14,7 +14,7 @@ import signal
 import socket
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +79,7 @@ async def send(
 ) -> None:
     """Packets ``begin`` to ``end`` of every stream, in step; the last ones not before ``linger``."""
     devices = {name: device(port, f"{name}!".encode()) for name in packets}
-    for one in devices.values():
-        await one.__aenter__()
+    await asyncio.gather(*(one.__aenter__() for one in devices.values()))
     for i in range(begin, end):
         if linger is not None and i == end - 10:
             await linger.wait()
@@ -144,29 +143,33 @@ def row(solution: Solution) -> tuple[object, ...]:
 QUIET_S = 2.0  # the last epoch of a stream closes by its deadline
 
 
-def consumed(data_dir: Path) -> dict[str, int]:
+STATIONS = ("base", "rover")
+
+
+def consumed(data_dir: Path, stations: Sequence[str]) -> dict[str, int]:
     """How far into their archived bytes the stored checkpoints of the stations are."""
     archive = Archive(data_dir / "archive", writable=False)
     with contextlib.closing(sqlite3.connect(data_dir / "plumbline.sqlite")) as connection:
         rows = dict(connection.execute("SELECT station, consumed FROM checkpoints").fetchall())
-    return {station: json.loads(rows.get(station, "{}")).get(archive.archive_id, 0) for station in ("rover", "base")}
+    return {station: json.loads(rows.get(station, "{}")).get(archive.archive_id, 0) for station in stations}
 
 
-def all_consumed(data_dir: Path) -> bool:
-    """Whether the stored checkpoints of all stations have consumed all that is archived."""
+def all_consumed(data_dir: Path, stations: Sequence[str]) -> bool:
+    """Whether the stored checkpoints of stations have consumed all that is archived."""
     archive = Archive(data_dir / "archive", writable=False)
-    return all(offset == archive.end(station) for station, offset in consumed(data_dir).items())
+    return all(offset == archive.end(station) for station, offset in consumed(data_dir, stations).items())
 
 
-def wait_until_all_consumed(server: Any) -> None:
+def wait_until_all_consumed(server: Any, stations: Sequence[str] = STATIONS) -> None:
     """However busy the machine is, as long as it gets on."""
-    server.wait_for(lambda: all_consumed(server.data_dir), progress=lambda: consumed(server.data_dir))
+    folder = server.data_dir
+    server.wait_for(lambda: all_consumed(folder, stations), progress=lambda: consumed(folder, stations))
     time.sleep(QUIET_S)
 
 
 def ready(http: str) -> bool:
     """Whether every role is there."""
-    return httpx.get(f"{http}/readyz").status_code == 200
+    return httpx.get(f"{http}/readyz", timeout=60.0).status_code == 200
 
 
 def assert_all_archived(data_dir: Path, packets: dict[str, list[bytes]], n: int) -> None:
@@ -175,11 +178,11 @@ def assert_all_archived(data_dir: Path, packets: dict[str, list[bytes]], n: int)
     assert {s: archive.end(s) for s in packets} == {s: sum(map(len, cut[:n])) for s, cut in packets.items()}
 
 
-def assert_equals_replay(data_dir: Path, least_rows: int) -> None:
+def assert_equals_replay(data_dir: Path, least_rows: int, stations: Sequence[str] = STATIONS) -> None:
     """Every stored row equals the undisturbed one, and none is missing or too many."""
     stored, configs = asyncio.run(stored_solutions(data_dir))
     expected = undisturbed(data_dir, configs)
-    assert sorted(stored) == sorted(expected) == ["base", "rover"]
+    assert sorted(stored) == sorted(expected) == sorted(stations)
     for station, solutions in expected.items():
         assert len(solutions) >= least_rows
         found = [row(s) for s in stored[station]]
@@ -221,8 +224,7 @@ async def send_until_killed(
     devices = {name: device(port, f"{name}!".encode()) for name in packets}
     i = begin
     with contextlib.suppress(OSError):
-        for one in devices.values():
-            await one.__aenter__()
+        await asyncio.gather(*(one.__aenter__() for one in devices.values()))
         while i < end:
             for name, one in devices.items():
                 await one.send(packets[name][i], packet=1 << 20, pause_s=0.0)
@@ -256,7 +258,7 @@ def kill_server_twice(serve: Callable, device: type, data_dir: Path, seed: int, 
         return await sending
 
     reached = 0
-    for kill_after_s in (choice.uniform(3.0, 4.0), choice.choice((choice.uniform(0.0, 2.5), choice.uniform(2.5, 8.0)))):
+    for kill_after_s in (choice.uniform(1.2, 3.0), choice.choice((choice.uniform(0.0, 2.5), choice.uniform(2.5, 8.0)))):
         server = serve(CONFIG.format(extra=""))
         reached = asyncio.run(play(server, reached, kill_after_s))
     server = serve(CONFIG.format(extra=""))
@@ -300,7 +302,7 @@ def kill_ingest(serve: Callable, device: type, data_dir: Path, hub: str, seed: i
         return await sending
 
     reached = 0
-    for kill_after_s in (choice.uniform(3.0, 5.0), choice.uniform(2.0, 4.0)):
+    for kill_after_s in (choice.uniform(1.5, 3.0), choice.uniform(1.0, 2.5)):
         reached = asyncio.run(play(reached, kill_after_s))
         started["ingest"] = serve(CONFIG.format(extra=ends[hub == "ingest"]), "--role", "ingest")
     asyncio.run(send_until_killed(device, started["ingest"].ingest_port, packets, reached, n))
