@@ -71,6 +71,23 @@ async def test_questions_are_answered_by_coroutines() -> None:
     await hub.close()
 
 
+async def test_a_process_that_asks_itself_many_things_at_once_is_answered() -> None:
+    bus = await Bus.open(listen=["tcp/127.0.0.1:0"])
+
+    async def answer(key: str, payload: bytes) -> bytes:
+        if payload == b"spoiled":
+            raise ValueError("no such thing")
+        return payload
+
+    bus.answer("q/self", answer)
+    questions = [bytes([i]) for i in range(60)]
+    assert await asyncio.gather(*(bus.query("q/self", q, timeout_s=20.0) for q in questions)) == [
+        [q] for q in questions
+    ]
+    assert await bus.query("q/self", b"spoiled", timeout_s=20.0) == []  # at once, not when the time is over
+    await bus.close()
+
+
 def live_and_die(endpoint: str) -> None:
     async def live() -> None:
         bus = await Bus.open(connect=[endpoint])

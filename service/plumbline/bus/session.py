@@ -3,18 +3,24 @@
 import asyncio
 import contextlib
 import json
+import logging
 import socket
 import threading
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import zenoh
+
+log = logging.getLogger(__name__)
 
 Answer = Callable[[str, bytes], Awaitable[bytes | None]]
 OPEN_TIMEOUT_MS = 60_000
 BUSY_S = 0.002
 LINGER_S = 0.001
+ASK_THREADS = 16
+REPLY_THREADS = 4
 
 
 class Message(NamedTuple):
@@ -94,6 +100,8 @@ class Bus:
         self._session = session
         self._declared: list[Any] = []
         self._tasks: set[asyncio.Task[None]] = set()
+        self._asking = ThreadPoolExecutor(ASK_THREADS, "bus-ask")
+        self._replying = ThreadPoolExecutor(REPLY_THREADS, "bus-reply")  # never the same: one may ask oneself
         self.endpoints = endpoints  # where it listens, ports resolved
 
     @classmethod
@@ -112,9 +120,15 @@ class Bus:
 
     async def close(self) -> None:
         """Undeclare everything and end the session; what was put before is sent first."""
+        self._cancel_tasks()
+        await asyncio.to_thread(self._close)
+        self._cancel_tasks()
+        for pool in (self._asking, self._replying):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def _cancel_tasks(self) -> None:
         for task in list(self._tasks):
             task.cancel()
-        await asyncio.to_thread(self._close)
 
     def _close(self) -> None:
         for declared in reversed(self._declared):
@@ -152,11 +166,14 @@ class Bus:
         loop = asyncio.get_running_loop()
 
         async def respond(query: Any, query_key: str, payload: bytes) -> None:
-            reply = await handler(query_key, payload)
-            if reply is not None:
-                reply_key = key if "*" in query_key else query_key
-                await asyncio.to_thread(query.reply, reply_key, reply)
-            await asyncio.to_thread(query.drop)
+            try:
+                reply = await handler(query_key, payload)
+                if reply is not None:
+                    reply_key = key if "*" in query_key else query_key
+                    await loop.run_in_executor(self._replying, query.reply, reply_key, reply)
+            except Exception:  # whoever asked hears nothing, and asks again
+                log.exception("a question on %s has no answer", query_key)
+            await loop.run_in_executor(self._replying, query.drop)
 
         def start(query: Any, query_key: str, payload: bytes) -> None:
             task = loop.create_task(respond(query, query_key, payload))
@@ -184,7 +201,7 @@ class Bus:
             )
             return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
-        return await asyncio.to_thread(ask)
+        return await asyncio.get_running_loop().run_in_executor(self._asking, ask)
 
     def _keep(self, declared: Any) -> Callable[[], None]:
         self._declared.append(declared)

@@ -43,6 +43,7 @@ FETCH_BYTES = 1 << 20
 CHUNKS_AT_A_TIME = 500
 SETTLE_S = 0.2  # membership changes come in bursts
 DRAIN_S = 20.0
+ASK_AGAIN_S = 0.5
 WAKE = Message("wake", b"")
 
 
@@ -239,7 +240,7 @@ class Worker:
             if answers:
                 self._configs = {c.station: c for answer in answers for c in decode_configs(answer) if c.settings}
                 return
-            await asyncio.sleep(0.5)
+            await asyncio.sleep(ASK_AGAIN_S)
 
     def _is_correction(self, station: str) -> bool:
         config = self._configs[station]
@@ -343,7 +344,7 @@ class Worker:
                     elif self._stopping:
                         return
                     else:
-                        await asyncio.sleep(0.5)
+                        await asyncio.sleep(ASK_AGAIN_S)
 
         await asyncio.gather(*(ask(station) for station in stations))
         return found
@@ -384,9 +385,13 @@ class Worker:
             reply = await self._ask_archive(cursor.archive, cursor.station, after_ns, FETCH_BYTES)
             if reply is None:
                 self.counters["archive_silent"] += 1
-                await asyncio.sleep(0.5)
+                await asyncio.sleep(ASK_AGAIN_S)
             else:
                 self._merger.fetched(cursor, reply)
+        except ValueError as error:
+            self.counters["messages_not_readable"] += 1
+            log.error("unreadable answer of archive %s about %s: %s", cursor.archive, cursor.station, error)
+            await asyncio.sleep(ASK_AGAIN_S)
         finally:
             self._fetching.discard(cursor.key)
             self._inbox.put(WAKE)
