@@ -9,7 +9,11 @@ const NAME_KEY = "plumbline-name"; // who acknowledges, remembered in this brows
 export class AlertList {
   private alerts = new Map<string, Alert>();
 
-  constructor(private readonly host: HTMLElement) {}
+  /** `nameOf` gives the name that a station goes by. */
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly nameOf: (station: string) => string,
+  ) {}
 
   add(alert: Alert): void {
     const known = this.alerts.get(alert.alert_id);
@@ -57,7 +61,7 @@ export class AlertList {
     const state = { active: "active", acknowledged: `seen${by}`, cleared: "over" }[alert.state];
     element.append(
       part("b", alert.severity),
-      part("strong", alert.station),
+      part("strong", this.nameOf(alert.station)),
       part("span", alert.text),
       part("time", `since ${clock(alert.onset)}`),
       part("em", state),

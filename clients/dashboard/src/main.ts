@@ -8,7 +8,7 @@ import { LiveStream } from "./stream";
 const REFRESH_MS = 5_000; // how often the list of stations is asked for
 const host = document.getElementById("stations")!;
 const cards = new Map<string, StationCard>();
-const alerts = new AlertList(document.getElementById("alerts")!);
+const alerts = new AlertList(document.getElementById("alerts")!, (station) => cards.get(station)?.name ?? station);
 
 function show(station: Station): StationCard {
   const known = cards.get(station.station);

@@ -25,11 +25,14 @@ export class StationCard {
   private state = "waiting";
   private grade = "fair";
 
+  readonly name: string;
+
   constructor(readonly station: string, name: string, mode: string) {
+    this.name = name || station;
     this.element.className = "station";
     this.element.dataset.station = station;
     this.element.innerHTML = PARTS;
-    this.element.querySelector("h2")!.textContent = name || station;
+    this.element.querySelector("h2")!.textContent = this.name;
     this.element.querySelector("h2")!.title = `${station}, mode ${mode}`;
     for (const part of this.element.querySelectorAll<HTMLElement>("[data-part]")) this.parts[part.dataset.part!] = part;
     this.parts.why!.addEventListener("toggle", () => void this.explain());
@@ -51,7 +54,7 @@ export class StationCard {
     this.text("grade", words);
     this.parts.grade!.hidden = !words || status.state !== "receiving";
     this.parts.grade!.dataset.grade = grade;
-    this.text("satellites", status.n_satellites ? `${status.n_satellites} satellites` : "");
+    this.text("satellites", status.n_satellites && status.state === "receiving" ? `${status.n_satellites} satellites` : "");
   }
 
   /** Where it stands among the others: what somebody must look at comes first. */
