@@ -225,16 +225,18 @@ def _station_settings(
 
 def _process_positions(options: argparse.Namespace) -> int:
     """Mode rtk-imu-loose with a receiver's own positions."""
-    from plumbline import offline_imu
+    from plumbline import offline_imu, offline_imu_loose
+    from plumbline.offline_imu_outages import outages_of
 
     if options.imu is None:
         raise PlumblineError(f"mode {options.mode} wants --imu")
     request = offline_imu.ImuRequest(
-        _station_settings(options, Mode.RTK), inertial_settings(options), options.imu, options.imu_format,
-        options.output, position_log=options.positions, t_near_gps_ns=gps_ns_from_unix_ns(time.time_ns()),
+        _station_settings(options, Mode.RTK), inertial_settings(options, of_a_logger=True), options.imu,
+        options.imu_format, options.output, position_log=options.positions, smooth=not options.forward,
+        outages_s=outages_of(options.outages), find_velocity_delay=options.velocity_delay is None,
     )  # fmt: skip
     with tqdm(total=100, unit="%", disable=None, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
-        report = offline_imu.run_loose(request, partial(_advance, bar))
+        report = offline_imu_loose.run_loose(request, partial(_advance, bar))
     print(report, file=sys.stderr)
     return 0
 

@@ -128,6 +128,9 @@ class InertialSettings(_Frozen):
     rotation_body_from_sensor: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     lever_arms_body_m: tuple[Vector3, ...] = ((0.0, 0.0, 0.0),)  # IMU → phase centre of each antenna
     inertial_time_offset_s: float = Field(0.0, ge=-10, le=10)  # added to the samples' time stamps
+    inertial_time_offset_sigma_s: float = Field(0.0, ge=0)  # loose: of that offset, estimated then; 0: as it is given
+    inertial_time_drift_sigma: float = Field(3e-4, ge=0)  # s/s, of an estimated offset: a logger's clock
+    inertial_time_walk_s_sqrt_s: float = Field(1e-4, ge=0)  # what an estimated offset wanders besides, in √s
     accelerometer_noise_m_s2_sqrt_hz: float = Field(1.4e-4, gt=0)
     gyroscope_noise_rad_s_sqrt_hz: float = Field(2.7e-5, gt=0)
     accelerometer_bias_sigma_m_s2: float = Field(2.0e-3, gt=0)

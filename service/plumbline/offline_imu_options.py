@@ -15,6 +15,7 @@ from plumbline.errors import ConfigurationError
 from plumbline.files.imu import FORMATS
 
 _G: Final = STANDARD_GRAVITY_M_S2
+_OFFSET_SIGMA_S: Final = 0.2  # of a logger's stamps
 _AXES: Final = {"x": 0, "y": 1, "z": 2}
 
 #: Characteristics by name; sources as noted. Biases at switching on are what a sheet calls repeatability.
@@ -39,17 +40,15 @@ SHEETS: Final[Mapping[str, Mapping[str, float]]] = {
         "initial_accelerometer_bias_sigma_m_s2": 3.5e-3 * _G,
         "initial_gyroscope_bias_sigma_rad_s": math.radians(0.2),
     },
-    "icm-45686": {  # TDK's sheet; what a car does to it is in the shaking terms
-        "accelerometer_noise_m_s2_sqrt_hz": 70e-6 * _G,
-        "gyroscope_noise_rad_s_sqrt_hz": math.radians(0.0038),
+    "icm-45686": {  # TDK's sheet (70 µg/√Hz, 0.0038 °/s/√Hz), ten times as noisy: what shakes it is sampled with it
+        "accelerometer_noise_m_s2_sqrt_hz": 700e-6 * _G,
+        "gyroscope_noise_rad_s_sqrt_hz": math.radians(0.038),
         "accelerometer_bias_sigma_m_s2": 0.02,
-        "gyroscope_bias_sigma_rad_s": 5e-4,
+        "gyroscope_bias_sigma_rad_s": 2e-4,
         "accelerometer_bias_time_s": 600.0,
         "gyroscope_bias_time_s": 600.0,
         "initial_accelerometer_bias_sigma_m_s2": 0.1,
         "initial_gyroscope_bias_sigma_rad_s": math.radians(0.1),
-        "shaking_force_sqrt_s": 0.01,
-        "shaking_rate_sqrt_s": 0.01,
         "standstill_force_sigma_m_s2": 0.05,
         "standstill_rate_sigma_rad_s": 0.005,
         "standstill_bias_sigma_rad_s": 2e-4,
@@ -67,6 +66,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--imu-axes", metavar="RIGHT,FORWARD,UP", default="+x,+y,+z",
                        help="the sensor's axes that point right, forward, up: --imu-axes=+y,-x,+z")  # fmt: skip
     group.add_argument("--imu-time-offset", type=float, metavar="S", help="added to the samples' stamps")
+    group.add_argument("--imu-time-offset-sigma", type=float, metavar="S",
+                       help="loose: of that offset, estimated with its drift (with --positions 0.2)")  # fmt: skip
     group.add_argument("--lever-arms", metavar="R,F,U;...",
                        help="IMU to each antenna, m, right, forward, up: --lever-arms=0.3,0.5,0.8;...")  # fmt: skip
     for number in (2, 3, 4):
@@ -74,18 +75,27 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--station-ids", metavar="ID,ID,…",
                        help="several antennas in one recording: their station ids, as --lever-arms")  # fmt: skip
     group.add_argument("--positions", type=Path, metavar="FILE", help="loose: a receiver's positions, RTKLIB's .pos")
-    group.add_argument("--velocity-delay", type=float, metavar="S", help="loose: how old the positions' velocities are")
+    group.add_argument("--velocity-delay", type=float, metavar="S",
+                       help="loose: how old the positions' velocities are (default: found in --positions)")  # fmt: skip
+    group.add_argument("--forward", action="store_true", help="loose: what the filter said at the time, not smoothed")
+    group.add_argument("--outages", default="", metavar="START,LENGTH;...",
+                       help="loose: withhold positions, s after the first, and print what that costs")  # fmt: skip
     group.add_argument("--heading", type=float, metavar="DEG", help="known heading of the forward axis at the start")
     group.add_argument("--heading-sigma", type=float, metavar="DEG")
     group.add_argument("--phase-correlation", type=float, metavar="S", help="tight: how long a phase's multipath lasts")
     group.add_argument("--every-sample", action="store_true", help="tight: a row a sample, not one an epoch")
 
 
-def inertial_settings(options: argparse.Namespace) -> InertialSettings:
-    """Settings of the filters; raises ConfigurationError saying what is wrong."""
-    values: dict[str, object] = dict(characteristics(options.imu_characteristics))
+def inertial_settings(options: argparse.Namespace, *, of_a_logger: bool = False) -> InertialSettings:
+    """Settings of the filters; raises ConfigurationError saying what is wrong.
+
+    A logger's stamps are not trusted, unless the options say so; those of a device of ours are.
+    """
+    values: dict[str, object] = {"inertial_time_offset_sigma_s": _OFFSET_SIGMA_S} if of_a_logger else {}
+    values |= characteristics(options.imu_characteristics)
     given = {
         "inertial_time_offset_s": options.imu_time_offset,
+        "inertial_time_offset_sigma_s": options.imu_time_offset_sigma,
         "velocity_delay_s": options.velocity_delay,
         "phase_correlation_s": options.phase_correlation,
         "heading_deg": options.heading,

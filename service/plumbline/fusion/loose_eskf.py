@@ -7,6 +7,9 @@ antenna at a lever arm (the paper leaves it out, eq. 12)::
     δz_r = δr − [(C l)×] ψ
     δz_v = δv − [(C (ω × l))×] ψ + [ω_ie×] [(C l)×] ψ + C [l×] δb_g
 
+Where the samples' stamps are not trusted (``inertial_time_offset_sigma_s``), their clock's offset and drift are two
+more states: see :mod:`plumbline.fusion.loose_clock`.
+
 Standstills found in the samples give zero velocity and the gyroscope's bias. Feedback is closed: after each measurement
 the estimated errors go into the state. Inputs may come in any order within ``late_limit_s``.
 
@@ -27,6 +30,7 @@ from plumbline.fusion.loose_state import (
     LooseResult,
     LooseState,
     LooseTimeline,
+    SampleClock,
 )
 from plumbline.fusion.loose_update import update_fix, update_standstill
 from plumbline.fusion.noise import noise_row, samples_of
@@ -66,7 +70,8 @@ def receive_inertial(state: LooseState, block: InertialBlock, settings: Inertial
 def receive_solution(state: LooseState, solution: Solution, settings: InertialSettings) -> LooseResult:
     """Apply a solution of the first antenna at its own time; one without a usable position is counted."""
     timeline = state.timeline
-    fixes = fixes_of(solution, settings)
+    clock = timeline.nodes[-1].extra.clock if timeline.nodes else None
+    fixes = fixes_of(solution, settings, clock)
     for fix in fixes:
         timeline = add_measurement(timeline, fix)
     if not fixes:
@@ -74,8 +79,10 @@ def receive_solution(state: LooseState, solution: Solution, settings: InertialSe
     return _go_on(replace(state, timeline=timeline), settings)
 
 
-def fixes_of(solution: Solution, settings: InertialSettings) -> list[Fix]:
+def fixes_of(solution: Solution, settings: InertialSettings, clock: SampleClock | None) -> list[Fix]:
     """A solution as the filter takes it: one fix, or two where its velocity is known to be that of another time.
+
+    With a clock, they are put where their time lies among the samples' stamps, as far as that is known now.
 
     None where it has no position and covariance to use.
     """
@@ -93,10 +100,14 @@ def fixes_of(solution: Solution, settings: InertialSettings) -> list[Fix]:
         return []
     geodetic = geodetic_from_ecef(np.asarray(position, float))
     t_ns, delay_ns = solution.t_gps_ns, round(settings.velocity_delay_s * NS_PER_S)
+
+    def fix(true_ns: int, place: Floats | None, speed: Floats | None) -> Fix:
+        at_ns = true_ns if clock is None else clock.stamp_of(true_ns)
+        return Fix(at_ns, place, speed, full, solution.status, true_ns)
+
     if velocity is None or delay_ns == 0:
-        return [Fix(t_ns, geodetic, velocity, full, solution.status)]
-    place = Fix(t_ns, geodetic, None, full, solution.status)
-    return [Fix(t_ns - delay_ns, None, velocity, full, solution.status), place]
+        return [fix(t_ns, geodetic, velocity)]
+    return [fix(t_ns - delay_ns, None, velocity), fix(t_ns, geodetic, None)]
 
 
 # ------------------------------------------------------------------------------------------- the filter
@@ -114,9 +125,9 @@ def _go_on(state: LooseState, settings: InertialSettings) -> LooseResult:
 def run_timeline(timeline: LooseTimeline, settings: InertialSettings) -> Ran[Fix | Standstill, LooseExtra]:
     """Run to the last sample."""
 
-    def update(node: LooseNode, measurement: Fix | Standstill, rate_rad_s: Floats) -> LooseNode:
+    def update(node: LooseNode, measurement: Fix | Standstill, sample: Floats) -> LooseNode:
         if isinstance(measurement, Standstill):
             return update_standstill(node, measurement, settings)
-        return update_fix(node, measurement, rate_rad_s, settings)
+        return update_fix(node, measurement, sample, settings)
 
     return run(timeline, noise_row(settings), True, update, settings.late_limit_s)

@@ -23,7 +23,8 @@ from plumbline.fusion.alignment import (
     level_velocity_changes,
     with_heading,
 )
-from plumbline.fusion.loose_state import Fix, LooseExtra, LooseNode, LooseState, LooseTimeline
+from plumbline.fusion.loose_clock import with_clock
+from plumbline.fusion.loose_state import Fix, LooseExtra, LooseNode, LooseState, LooseTimeline, SampleClock
 from plumbline.fusion.strapdown import curvature_radii_m, earth_rate_local_rad_s
 from plumbline.fusion.timeline import Node, add_measurement
 from plumbline.fusion.zupt import Standstill, standstills
@@ -39,6 +40,8 @@ _HEADING_SIGMA_RAD: Final = math.radians(3.0)  # good enough to begin with
 _COMPASS_SIGMA_RAD: Final = math.radians(3.0)
 _TILT_SIGMA_RAD: Final = 1e-4  # of levelling itself, beside the accelerometer's bias
 _COMPASS_SPAN_S: Final = 60.0
+_OFFSET_REACH: Final = 3.0  # sigmas of the stamps' offset that are searched
+_OFFSET_STEP_S: Final = 0.02
 _VELOCITY_AGE_SIGMA_M_S: Final = 0.5  # of the last velocity at the last position, where their times differ
 
 
@@ -67,6 +70,10 @@ def aligned(state: LooseState, settings: InertialSettings) -> LooseState:
     rest = _rest(state.timeline.t_gps_ns, state.timeline.samples, usable, settings)
     if rest is None or not usable:
         return state
+    offset_s = _offset_s(state.timeline, rest, usable, settings)
+    state = replace(state, timeline=_stamped(state.timeline, offset_s))
+    usable = [f for f in state.timeline.measurements if isinstance(f, Fix)]
+    usable = [f for f in usable if timeline.t_gps_ns[0] <= f.t_gps_ns <= timeline.t_gps_ns[-1]]
     node, alignment = _first_node(state.timeline, rest, usable, settings)
     return state if node is None or alignment is None else start(state, node, describe(alignment), settings)
 
@@ -117,6 +124,39 @@ def _slow(t_ns: Ints, samples: Floats, fixes: list[Fix]) -> Rest | None:
     return Rest(end_ns, _AVERAGE_S, part[:, :3].mean(axis=0), part[:, 3:].mean(axis=0), False)
 
 
+# ------------------------------------------------------------------------------------------- time
+
+
+def _offset_s(timeline: LooseTimeline, rest: Rest, fixes: list[Fix], settings: InertialSettings) -> float:
+    """The offset of the stamps at which the samples agree best with GNSS velocities; 0 where they are right."""
+    reach_s = _OFFSET_REACH * settings.inertial_time_offset_sigma_s
+    if reach_s == 0.0:
+        return 0.0
+    reach_ns, last_ns = round(reach_s * NS_PER_S), int(timeline.t_gps_ns[-1])
+    moving = [f for f in fixes if f.velocity_enu_m_s is not None]
+    moving = [f for f in moving if rest.t_end_ns + reach_ns <= f.t_true_ns <= last_ns - reach_ns]
+    if not _moved(moving):
+        return 0.0
+    true_ns = np.array([f.t_true_ns for f in moving], np.int64)
+    bias = rest.rate_rad_s if rest.quiet else np.zeros(3)
+
+    def sigma_at(offset_s: float) -> float:
+        changes, _ = _carried(timeline, rest, bias, true_ns - round(offset_s * NS_PER_S))
+        return _heading_by_motion(moving, changes)[1]
+
+    offsets = np.arange(-reach_s, reach_s + _OFFSET_STEP_S, _OFFSET_STEP_S)
+    return float(min(offsets, key=sigma_at))
+
+
+def _stamped(timeline: LooseTimeline, offset_s: float) -> LooseTimeline:
+    """The timeline, its fixes where an offset puts them among the stamps."""
+    clock = SampleClock(0, offset_s)
+    moved = [
+        replace(m, t_gps_ns=clock.stamp_of(m.t_true_ns)) if isinstance(m, Fix) else m for m in timeline.measurements
+    ]
+    return replace(timeline, measurements=tuple(sorted(moved, key=lambda m: (m.t_gps_ns, m.rank))))
+
+
 # ------------------------------------------------------------------------------------------- heading
 
 
@@ -130,8 +170,8 @@ def _first_node(
         return None, None
     bias = rest.rate_rad_s if rest.quiet else np.zeros(3)
     moving = [f for f in after if f.velocity_enu_m_s is not None]
-    changes, _ = _carried(timeline, rest, bias, [f.t_gps_ns for f in moving])
-    _, rotation = _carried(timeline, rest, bias, [last.t_gps_ns])
+    changes, _ = _carried(timeline, rest, bias, np.array([f.t_gps_ns for f in moving], np.int64))
+    _, rotation = _carried(timeline, rest, bias, np.array([last.t_gps_ns], np.int64))
     heading, sigma = _heading(rest, moving, changes, last.geodetic[0], settings)
     if sigma > _HEADING_SIGMA_RAD:
         return None, None
@@ -144,11 +184,10 @@ def _first_node(
     return (_with_bias(node, rest, alignment, settings) if rest.quiet else node), alignment
 
 
-def _carried(timeline: LooseTimeline, rest: Rest, bias: Floats, ends_ns: list[int]) -> tuple[Floats, Floats]:
+def _carried(timeline: LooseTimeline, rest: Rest, bias: Floats, ends_ns: Ints) -> tuple[Floats, Floats]:
     """Velocity changes (m, 3) in the level frame since the rest, and the level rotation (3, 3) at the last time."""
     rotation = level(rest.force_m_s2)
-    ends = np.array(ends_ns, np.int64)
-    changes = level_velocity_changes(timeline.t_gps_ns, timeline.samples, rotation, bias, rest.t_end_ns, ends)
+    changes = level_velocity_changes(timeline.t_gps_ns, timeline.samples, rotation, bias, rest.t_end_ns, ends_ns)
     return changes, rotation
 
 
@@ -163,13 +202,23 @@ def _heading(
     compass = gyro_compass(level(rest.force_m_s2), rest.rate_rad_s, latitude_rad, bias_sigma)
     if rest.quiet and rest.span_s >= _COMPASS_SPAN_S and compass[1] < _COMPASS_SIGMA_RAD:
         return compass
+    return _heading_by_motion(moving, changes) if _moved(moving) else (0.0, math.inf)
+
+
+def _moved(moving: list[Fix]) -> bool:
+    """Whether velocities changed by more than their noise."""
     if len(moving) < 4:
-        return 0.0, math.inf
+        return False
     velocity = np.diff(np.array([f.velocity_enu_m_s for f in moving])[:, :2], axis=0)
-    intervals = np.diff([f.t_gps_ns for f in moving]) / NS_PER_S
-    heading, sigma = heading_from_motion(np.diff(changes[:, :2], axis=0), velocity, intervals)
     noise_power = float(sum(np.trace(f.covariance[3:5, 3:5]) for f in moving))
-    return (heading, sigma) if float(np.sum(velocity**2)) > 4.0 * noise_power else (0.0, math.inf)
+    return float(np.sum(velocity**2)) > 4.0 * noise_power
+
+
+def _heading_by_motion(moving: list[Fix], changes: Floats) -> tuple[float, float]:
+    """Heading and its sigma of velocities and of what the samples made of them (m, 3)."""
+    velocity = np.diff(np.array([f.velocity_enu_m_s for f in moving])[:, :2], axis=0)
+    intervals = np.diff([f.t_true_ns for f in moving]) / NS_PER_S
+    return heading_from_motion(np.diff(changes[:, :2], axis=0), velocity, intervals)
 
 
 def _node_at(
@@ -192,7 +241,8 @@ def _node_at(
     p = first_covariance(alignment, settings)
     p[0:3, 0:3] += 4.0 * fix.covariance[:3, :3]
     p[3:6, 3:6] += 4.0 * fix.covariance[3:, 3:] + velocity_sigma_m_s**2 * np.eye(3)
-    return Node(fix.t_gps_ns, nav, p, LooseExtra(0, fix.t_gps_ns, fix.status))
+    p, clock = with_clock(p, fix, settings)
+    return Node(fix.t_gps_ns, nav, p, LooseExtra(0, fix.t_gps_ns, fix.status, clock=clock))
 
 
 def _with_bias(node: LooseNode, rest: Rest, alignment: Alignment, settings: InertialSettings) -> LooseNode:

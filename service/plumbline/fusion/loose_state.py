@@ -5,6 +5,7 @@ from typing import Final
 
 from plumbline.fusion.timeline import Node, Rows, Timeline, empty_timeline
 from plumbline.fusion.zupt import Standstill
+from plumbline.gps_time import NS_PER_S
 from plumbline.records import Floats, Status
 
 VELOCITY_SIGMAS: Final = ("sigma_ve_m_s", "sigma_vn_m_s", "sigma_vu_m_s")  # extras of a solution that carries them
@@ -14,11 +15,12 @@ VELOCITY_SIGMAS: Final = ("sigma_ve_m_s", "sigma_vn_m_s", "sigma_vu_m_s")  # ext
 class Fix:
     """A GNSS position, a velocity, or both, as the filter takes them."""
 
-    t_gps_ns: int
+    t_gps_ns: int  # by the samples' stamps
     geodetic: Floats | None  # (3,) latitude rad, longitude rad, height m
     velocity_enu_m_s: Floats | None  # (3,)
     covariance: Floats  # (6, 6) m², (m/s)²; east, north, up
     status: Status
+    t_true_ns: int  # by its own clock
     rank: int = 0
 
 
@@ -34,6 +36,23 @@ class Innovation:
 
 
 @dataclass(frozen=True, slots=True)
+class SampleClock:
+    """How late the true time is against the samples' stamps: ``t_true = stamp + offset_s`` at ``t_gps_ns``."""
+
+    t_gps_ns: int
+    offset_s: float = 0.0
+    drift: float = 0.0  # s/s
+
+    def offset_at(self, t_gps_ns: int) -> float:
+        """The offset at another time, s."""
+        return self.offset_s + self.drift * (t_gps_ns - self.t_gps_ns) / NS_PER_S
+
+    def stamp_of(self, t_true_ns: int) -> int:
+        """Where a true time lies among the stamps, ns."""
+        return t_true_ns - round(self.offset_at(t_true_ns) * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True)
 class LooseExtra:
     """What goes with the navigation state."""
 
@@ -41,6 +60,7 @@ class LooseExtra:
     t_fix_gps_ns: int | None = None  # of the last fix used
     status: Status = Status.NO_OBSERVATIONS  # of that fix
     innovation: Innovation | None = None
+    clock: SampleClock | None = None  # None: the stamps are right
 
 
 LooseTimeline = Timeline[Fix | Standstill, LooseExtra]

@@ -104,10 +104,10 @@ def receive_epoch(state: TightState, epoch: TightEpoch, settings: InertialSettin
 
 
 def _run(state: TightState, settings: InertialSettings, rtk: RtkSettings) -> TightResult:
-    def update(node: TightNode, measurement: TightEpoch | Standstill, rate_rad_s: Floats) -> TightNode:
+    def update(node: TightNode, measurement: TightEpoch | Standstill, sample: Floats) -> TightNode:
         if isinstance(measurement, Standstill):
             return node
-        return update_epoch(node, measurement, rate_rad_s, settings, rtk)
+        return update_epoch(node, measurement, sample[3:6], settings, rtk)
 
     ran = run(state.timeline, noise_row(settings), False, update, settings.late_limit_s)
     return TightResult(replace(state, timeline=ran.timeline), ran.rows, ran.updated)

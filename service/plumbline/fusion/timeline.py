@@ -124,7 +124,7 @@ def run(
     update: Callable[[Node[Extra], Measured, Floats], Node[Extra]],
     late_limit_s: float,
 ) -> Ran[Measured, Extra]:
-    """Run from the last node to the last sample; ``update`` gets the node, the measurement and the rate (3,) there.
+    """Run from the last node to the last sample; ``update`` gets the node, the measurement and the sample (6,) there.
 
     Returns also the rows of all samples passed, and the nodes after each measurement. Without a node, nothing happens.
     """
@@ -138,7 +138,7 @@ def run(
     for measurement in due:
         if measurement.t_gps_ns > nodes[-1].t_gps_ns:
             nodes.append(_advanced(timeline, nodes[-1], measurement.t_gps_ns, noise, local, parts))
-        nodes[-1] = update(nodes[-1], measurement, _rate_at(timeline, measurement.t_gps_ns))
+        nodes[-1] = update(nodes[-1], measurement, _sample_at(timeline, measurement.t_gps_ns))
         updated.append(nodes[-1])
     if nodes[-1].t_gps_ns < end_ns:
         nodes.append(_advanced(timeline, nodes[-1], end_ns, noise, local, parts))
@@ -163,15 +163,16 @@ def _advanced(
     return Node(to_ns, nav, p, node.extra)
 
 
-def _rate_at(timeline: Timeline[Measured, Extra], t_ns: int) -> Floats:
-    """Measured angular rate (3,) at a time, linear between samples."""
+def _sample_at(timeline: Timeline[Measured, Extra], t_ns: int) -> Floats:
+    """Sample (6,) at a time, linear between samples."""
     index = min(int(np.searchsorted(timeline.t_gps_ns, t_ns)), timeline.t_gps_ns.size - 1)
     if index == 0:
-        return timeline.samples[0, 3:6].copy()
+        first: Floats = timeline.samples[0].copy()
+        return first
     t0, t1 = int(timeline.t_gps_ns[index - 1]), int(timeline.t_gps_ns[index])
     share = (t_ns - t0) / (t1 - t0)
-    rate: Floats = (1.0 - share) * timeline.samples[index - 1, 3:6] + share * timeline.samples[index, 3:6]
-    return rate
+    sample: Floats = (1.0 - share) * timeline.samples[index - 1] + share * timeline.samples[index]
+    return sample
 
 
 def _trimmed(timeline: Timeline[Measured, Extra], oldest_ns: int) -> Timeline[Measured, Extra]:

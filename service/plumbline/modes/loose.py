@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from plumbline.fusion.loose_clock import at_true_times
 from plumbline.fusion.loose_eskf import initial_loose_state, receive_samples, receive_solution
 from plumbline.fusion.loose_state import LooseState
 from plumbline.fusion.timeline import Rows
@@ -74,9 +75,10 @@ class LooseProcessor(RelativeProcessor):
         reference = settings.reference_position_ecef_m or self._adopted()
         if reference is None:
             return []
-        values = motion_of_local_rows(rows.values, reference, settings.inertial.lever_arms_body_m[0])
-        state.seconds.put(rows.t_gps_ns, values)
         nodes = state.filter.timeline.nodes
+        moved = at_true_times(rows.values, nodes[-1].extra.clock if nodes else None, rows.t_gps_ns)
+        values = motion_of_local_rows(moved, reference, settings.inertial.lever_arms_body_m[0])
+        state.seconds.put(rows.t_gps_ns, values)
         told = Told(None, Status.COASTING, "the filter has no attitude yet")
         if nodes:
             told = Told(nodes[-1].extra.t_fix_gps_ns, nodes[-1].extra.status, "")
