@@ -145,6 +145,7 @@ def test_withheld_rows_are_bridged(folder: Path, tmp_path: Path, capsys: pytest.
     assert np.mean(sure) > 0.9
 
 
+@pytest.mark.soak
 def test_outages_of_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What the command prints of two short outages: the filter alone, and better, smoothed; its sigma grows alone."""
     spans = "85,5;130,5"
