@@ -136,7 +136,7 @@ def _station_ids(text: str | None) -> tuple[int, ...]:
     try:
         return () if text is None else tuple(int(part) for part in text.split(","))
     except ValueError as error:
-        raise ConfigurationError(f"--station-ids: {error}") from error
+        raise ConfigurationError(f"--station-ids wants numbers, 1,2,3: {error}") from error
 
 
 def characteristics(name: str | None) -> Mapping[str, float]:
