@@ -4,26 +4,31 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.errors import ConfigurationError
-from plumbline.files.imu import even_times, read_imu
 from plumbline.files.seismic import read_components
 from plumbline.gps_time import NS_PER_S
+from plumbline.offline_imu_recording import series_of
+from plumbline.records import Ints
 from plumbline.structure.allan import Characteristics, allan_curve, characteristics_of
 from plumbline.structure.misalignment import mounting_of
 
+Bools = NDArray[np.bool_]
+_GAP = 1.8  # intervals
 _UNITS = {"accelerometer": ("m/s²/√Hz", "m/s²"), "gyroscope": ("rad/s/√Hz", "rad/s")}
 
 
 def characterise(path: Path, form: str, begin_s: float, end_s: float | None, output: Path | None) -> str:
     """Read a static record's noise, write it as TOML where asked, and return it in words."""
-    series = read_imu(path, form)
-    times = even_times(series.t_gps_ns)
-    since_s = (times - times[0]) / NS_PER_S
+    series = series_of(path, form)
+    since_s = (series.t_gps_ns - series.t_gps_ns[0]) / NS_PER_S
     part = (since_s >= begin_s) & (since_s <= (since_s[-1] if end_s is None else end_s))
+    part &= _longest_stretch(series.t_gps_ns, part)
     if not np.isfinite(series.specific_force_m_s2[part]).all() or part.sum() < 2:
         raise ConfigurationError(f"{path}: nothing usable between {begin_s:g} and {end_s} s")
-    rate = 1.0 / series.interval_s
+    times = series.t_gps_ns[part]
+    rate = (times.size - 1) * NS_PER_S / float(times[-1] - times[0])
     lines = [f"{path}: {part.sum() / rate:.0f} s at {rate:.2f} Hz"]
     settings: dict[str, float] = {}
     for name, samples in (
@@ -38,6 +43,16 @@ def characterise(path: Path, form: str, begin_s: float, end_s: float | None, out
         text = f"# {path.name}, plumbline characterise\n" + "".join(f"{k} = {v:.6e}\n" for k, v in settings.items())
         output.write_text(text, encoding="utf-8")
     return "\n".join(lines)
+
+
+def _longest_stretch(t_gps_ns: Ints, part: Bools) -> Bools:
+    """The samples (n,) of the longest time without gaps among those of ``part`` (n,)."""
+    out = np.zeros(part.size, np.bool_)
+    index = np.flatnonzero(part)
+    steps = np.diff(t_gps_ns[index])
+    cuts = np.flatnonzero(steps > _GAP * np.median(steps)) + 1 if steps.size else np.zeros(0, np.int64)
+    out[max(np.split(index, cuts), key=len)] = True
+    return out
 
 
 def _words(name: str, found: Characteristics) -> list[str]:
