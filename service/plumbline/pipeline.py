@@ -367,7 +367,8 @@ class Pipeline:
 
 def _as_witness(settings: StationSettings) -> StationSettings:
     """A neighbour's settings as far as its displacement needs them: no accelerometer, no witnesses of its own."""
-    mode = Mode.PPP if settings.mode is Mode.PPP_ACCEL else settings.mode
+    plain = {Mode.PPP_ACCEL: Mode.PPP, Mode.RTK_IMU_LOOSE: Mode.RTK, Mode.RTK_IMU_TIGHT: Mode.RTK}
+    mode = plain.get(settings.mode, settings.mode)
     return settings.model_copy(update={"mode": mode, "neighbours": ()})
 
 

@@ -1,5 +1,6 @@
 """/v1/stations/{station}/quality, /availability and /explain: what solutions are worth, and why there are none."""
 
+import time
 from typing import Annotated, Final
 
 from fastapi import HTTPException, Query, Response
@@ -9,16 +10,15 @@ from plumbline.api.parts import NOT_FOUND, Cursor, ExistingStation, Limit, Span,
 from plumbline.api.quality_schemas import AvailabilityOut, ExplainOut, QualityOut
 from plumbline.api.quality_views import availability_view, explain_view, quality_view
 from plumbline.api.schemas import Listing
-from plumbline.gps_time import DAY_NS, NS_PER_S, gps_minus_utc_s
-from plumbline.quality.availability import availability
+from plumbline.gps_time import DAY_NS, NS_PER_S, gps_ns_from_unix_ns
+from plumbline.quality.availability import availability, day_start_ns
 from plumbline.quality.explain import explain
-from plumbline.records import Solution
-from plumbline.store import Store
+from plumbline.store import StationRow, Store
 
 router = new_router("quality")
 
 _MAX_DAYS: Final = 31
-_PAGE: Final = 10_000
+_ON_ITS_WAY_NS: Final = 5 * NS_PER_S  # an epoch younger than that is not missed yet
 Epochs = Annotated[int, Query(ge=1, le=3600, description="how many of the last epochs to look at")]
 
 
@@ -36,35 +36,39 @@ async def get_quality(
 
 @router.get("/stations/{station}/availability", responses=NOT_FOUND)
 async def get_availability(row: ExistingStation, store: StorePart, span: Span) -> list[AvailabilityOut]:
-    """Epochs expected, received, solved, converged and fixed by UTC day, at most 31 of them: the last, unless told."""
+    """Epochs expected, received, solved, converged and fixed by UTC day, at most 31 of them.
+
+    Unless told, from the last day that has epochs up to now. Days that are over are kept when their epochs are not.
+    """
     name = row.settings.station
-    newest, _ = await store.latest(name, 1)
-    if not newest:
-        return []
-    end = span[1] if span[1] is not None else newest[-1].t_gps_ns + NS_PER_S
-    start = span[0] if span[0] is not None else _day_of(end - 1)
+    start, end = await _span(store, row, span)
+    kept = await store.days(name, start, end)
+    downtimes = await store.downtimes()
     days: list[AvailabilityOut] = []
     while start < end and len(days) < _MAX_DAYS:
-        until = min(_day_of(start) + DAY_NS, end)
-        days.append(availability_view(name, availability(await _solutions(store, name, start, until), start, until)))
+        until = min(day_start_ns(start) + DAY_NS, end)
+        day = kept.get(start)
+        if day is None or day.t_end_gps_ns != until:
+            day = availability(await store.epoch_marks(name, start, until), start, until, downtimes)
+        days.append(availability_view(name, day))
         start = until
     return days
 
 
-def _day_of(t_gps_ns: int) -> int:
-    """Start of the UTC day that a time lies in, GPS ns (days with a leap second end a second early)."""
-    leap_ns = round(gps_minus_utc_s(t_gps_ns) * NS_PER_S)
-    utc_ns = t_gps_ns - leap_ns
-    return utc_ns - utc_ns % DAY_NS + leap_ns
+async def _span(store: Store, row: StationRow, span: tuple[int | None, int | None]) -> tuple[int, int]:
+    """The span asked for; unless told, from the last day that has epochs up to now: a silence shows while it lasts.
 
-
-async def _solutions(store: Store, name: str, start: int, end: int) -> list[Solution]:
-    page = await store.solutions(name, start, end, _PAGE, None)
-    solutions = list(page.items)
-    while page.next is not None:
-        page = await store.solutions(name, start, end, _PAGE, page.next)
-        solutions += page.items
-    return solutions
+    A recording's time ends with its last epoch.
+    """
+    now = gps_ns_from_unix_ns(time.time_ns())
+    newest = await store.latest_solution(row.settings.station)
+    if newest is None:
+        last, begin = row.created_gps_ns, row.created_gps_ns
+    else:
+        last, begin = newest.t_gps_ns, day_start_ns(newest.t_gps_ns)
+    is_live = abs(now - last) < _MAX_DAYS * DAY_NS
+    end = max(now - _ON_ITS_WAY_NS, last + 1) if is_live else last + NS_PER_S
+    return span[0] if span[0] is not None else begin, span[1] if span[1] is not None else end
 
 
 @router.get("/stations/{station}/explain", responses=NOT_FOUND)

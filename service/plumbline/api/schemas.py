@@ -214,12 +214,16 @@ class NoteOut(BaseModel):
     value: float | None
 
 
+AlertKind = Literal["motion", "data"]
+
+
 class AlertOut(BaseModel):
     """An alert and its life, in event time."""
 
     alert_id: str
     station: str
     threshold_id: str
+    kind: AlertKind = Field(description="motion: of the structure; data: of the station's data, not the structure's")
     quantity: str
     unit: str
     severity: Severity
@@ -241,6 +245,7 @@ class AlertEventOut(BaseModel):
     alert_id: str
     station: str
     threshold_id: str
+    kind: AlertKind = Field(description="motion: of the structure; data: of the station's data, not the structure's")
     quantity: str
     unit: str
     severity: Severity

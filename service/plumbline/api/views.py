@@ -3,10 +3,11 @@
 import hashlib
 import math
 import time
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
+from plumbline.alerts.quantities import DATA_QUANTITIES
 from plumbline.api import schemas
 from plumbline.api.units import (
     column,
@@ -228,6 +229,10 @@ def _value(quantity: str, value: float | None) -> float | None:
     return scaled(None if value is None else from_si(quantity, value), 1.0, 9)
 
 
+def _kind(quantity: str) -> Literal["motion", "data"]:
+    return "data" if quantity in DATA_QUANTITIES else "motion"
+
+
 def alert_view(alert: AlertRow) -> schemas.AlertOut:
     """An alert in the API's units."""
     quantity = alert.quantity
@@ -235,6 +240,7 @@ def alert_view(alert: AlertRow) -> schemas.AlertOut:
         alert_id=alert.alert_id,
         station=alert.station,
         threshold_id=alert.threshold_id,
+        kind=_kind(quantity),
         quantity=quantity,
         unit=unit_of_quantity(quantity)[1],
         severity=alert.severity,
@@ -268,6 +274,7 @@ def alert_event_view(event: AlertEvent) -> dict[str, Any]:
         "alert_id": event.alert_id,
         "station": event.station,
         "threshold_id": event.threshold_id,
+        "kind": _kind(event.quantity),
         "quantity": event.quantity,
         "unit": unit_of_quantity(event.quantity)[1],
         "severity": event.severity.value,

@@ -7,6 +7,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Coroutine
 from typing import Any
 
+from plumbline.app.day_keeper import DayKeeper
 from plumbline.bus import Bus, Inbox, Message, codec, keys
 from plumbline.bus.messages import (
     CheckpointMessage,
@@ -76,10 +77,12 @@ class StoreRole:
         self._bus.answer(keys.of(keys.QUERY_REPORT, self._name), self._answer_report)
         self._bus.announce(keys.of(keys.ALIVE_STORE, self._name))
         self._task = asyncio.get_running_loop().create_task(self._run())
+        self._days = asyncio.get_running_loop().create_task(DayKeeper(self._store).run())
 
     async def stop(self) -> None:
         """Write what has come, then end."""
         self._stopping = True
+        self._days.cancel()
         self._inbox.put(Message("", b""))
         await self._task
 

@@ -1,6 +1,7 @@
 """How much of a time span a station delivered: epochs expected, received, solved, converged, fixed, and why not.
 
-A gap is a row with a reason, never just an absence. The interval between epochs is the span's own (its most frequent
+A gap is a row with a reason, never just an absence: epochs that did not come while the server itself was down say so.
+The interval between epochs is the span's own (its most frequent
 one), so that a station that is set to another rate is not thought to lose epochs.
 """
 
@@ -8,17 +9,45 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
-from plumbline.gps_time import NS_PER_S
-from plumbline.records import Ints, Solution, Status
+from plumbline.gps_time import DAY_NS, NS_PER_S, gps_minus_utc_s
+from plumbline.records import Ints, Status
 
 _CONVERGED: Final = frozenset({Status.PPP_FLOAT, Status.PPP_FIXED, Status.RTK_FLOAT, Status.RTK_FIXED})
 _FIXED: Final = frozenset({Status.PPP_FIXED, Status.RTK_FIXED})
 _PERCENTILES: Final = (50, 95, 99)
 SILENCE: Final = "no observations received"
+SERVER_DOWN: Final = "the server was down"
+
+
+class Mark(Protocol):
+    """What counting needs of a solution."""
+
+    @property
+    def t_gps_ns(self) -> int:
+        """The epoch."""
+
+    @property
+    def t_receive_ns(self) -> int:
+        """When its last byte came."""
+
+    @property
+    def status(self) -> Status:
+        """What became of it."""
+
+    @property
+    def reason(self) -> str:
+        """Why, where it is not well."""
+
+
+def day_start_ns(t_gps_ns: int) -> int:
+    """Start of the UTC day that a time lies in, GPS ns (days with a leap second end a second early)."""
+    leap_ns = round(gps_minus_utc_s(t_gps_ns) * NS_PER_S)
+    utc_ns = t_gps_ns - leap_ns
+    return utc_ns - utc_ns % DAY_NS + leap_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +77,24 @@ class Availability:
     latency_s: Mapping[int, float]  # percentile → seconds from the epoch to the receipt of its last byte
 
 
-def availability(solutions: Sequence[Solution], t_first_gps_ns: int, t_end_gps_ns: int) -> Availability:
-    """Counts of a span [first, end); ``solutions`` are those of it in order of time."""
+def availability(
+    solutions: Sequence[Mark], t_first_gps_ns: int, t_end_gps_ns: int, downtimes: Sequence[tuple[int, int]] = ()
+) -> Availability:
+    """Counts of a span [first, end); ``solutions`` are those of it in order of time.
+
+    ``downtimes``: (from, to) when the server was down, GPS ns, in order.
+    """
     times = np.array([s.t_gps_ns for s in solutions], np.int64)
     interval_ns = _interval_ns(times)
     expected = max(round((t_end_gps_ns - t_first_gps_ns) / interval_ns), 0)
-    silent = _silences(times, t_first_gps_ns, t_end_gps_ns, interval_ns)
+    silent = [
+        part
+        for gap in _silences(times, t_first_gps_ns, t_end_gps_ns, interval_ns)
+        for part in _by_cause(gap, interval_ns, downtimes)
+    ]
     loss: Counter[str] = Counter(s.reason or s.status.value for s in solutions if s.status not in _CONVERGED)
-    missing = sum(gap.epochs for gap in silent)
-    if missing:
-        loss[SILENCE] += missing
+    for gap in silent:
+        loss[gap.reason] += gap.epochs
     latency_s = np.array([s.t_receive_ns - s.t_gps_ns for s in solutions]) / NS_PER_S
     return Availability(
         t_first_gps_ns=t_first_gps_ns,
@@ -93,7 +130,21 @@ def _silences(times: Ints, t_first_ns: int, t_end_ns: int, interval_ns: int) -> 
     return gaps
 
 
-def _outages(solutions: Sequence[Solution]) -> list[Gap]:
+def _by_cause(gap: Gap, interval_ns: int, downtimes: Sequence[tuple[int, int]]) -> list[Gap]:
+    """A silence cut into what came while the server was down, and the rest."""
+    parts: list[Gap] = []
+    downtimes = [d for d in downtimes if d[0] <= gap.t_last_gps_ns and d[1] > gap.t_first_gps_ns]
+    for k in range(gap.epochs):
+        t_ns = gap.t_first_gps_ns + k * interval_ns
+        reason = SERVER_DOWN if any(begin <= t_ns < end for begin, end in downtimes) else SILENCE
+        if parts and parts[-1].reason == reason:
+            parts[-1] = Gap(parts[-1].t_first_gps_ns, t_ns, parts[-1].epochs + 1, reason)
+        else:
+            parts.append(Gap(t_ns, t_ns, 1, reason))
+    return parts
+
+
+def _outages(solutions: Sequence[Mark]) -> list[Gap]:
     """Stretches of epochs without a position, for one reason each."""
     gaps: list[Gap] = []
     open_gap: Gap | None = None

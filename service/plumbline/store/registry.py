@@ -93,7 +93,8 @@ def delete_station(connection: Connection, name: str, purge: bool) -> bool:
     if purge:
         ids = select(tables.alerts.c.alert_id).where(tables.alerts.c.station == name)
         connection.execute(delete(tables.alert_history).where(tables.alert_history.c.alert_id.in_(ids)))
-        for table in (tables.alerts, tables.solutions, tables.quality, tables.motion, tables.motion_summaries):
+        results = (tables.solutions, tables.quality, tables.motion, tables.motion_summaries, tables.availability)
+        for table in (tables.alerts, *results):
             connection.execute(delete(table).where(table.c.station == name))
     return True
 

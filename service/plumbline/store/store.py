@@ -8,8 +8,9 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 from sqlalchemy import Connection, text
 
 from plumbline.config import ServerSettings, StationSettings
+from plumbline.quality.availability import Availability
 from plumbline.records import AlertEvent, Motion, Output, QualityReport, Solution, StationStatus, Threshold
-from plumbline.store import alert_log, reading, registry, writing
+from plumbline.store import alert_log, availability_log, reading, registry, writing
 from plumbline.store.engine import Engines, open_engines, run_with_retry
 from plumbline.store.rows import AlertRow, Checkpoint, Device, MotionSeries, Page, StationRow
 
@@ -210,6 +211,38 @@ class Store:
     async def open_alert_events(self, station: str) -> tuple[AlertEvent, ...]:
         """The activation events of a station's alerts that are not cleared."""
         return await self._read(alert_log.open_events, station)
+
+    # ------------------------------------------------------------------------------------------- availability
+
+    async def note_alive(self, t_start_gps_ns: int, t_now_gps_ns: int) -> None:
+        """The server that began at a time is up at another."""
+        await self._write(availability_log.note_alive, t_start_gps_ns, t_now_gps_ns)
+
+    async def downtimes(self) -> tuple[tuple[int, int], ...]:
+        """(from, to) when no server wrote into this database, in order."""
+        return await self._read(availability_log.downtimes)
+
+    async def epoch_marks(
+        self, station: str, start_gps_ns: int, end_gps_ns: int
+    ) -> tuple[availability_log.EpochMark, ...]:
+        """Solutions with start ≤ t < end, as far as counting goes, in order of time."""
+        return await self._read(availability_log.marks, station, start_gps_ns, end_gps_ns)
+
+    async def first_epoch(self, station: str) -> int | None:
+        """The time of a station's first solution."""
+        return await self._read(availability_log.first_epoch, station)
+
+    async def save_day(self, station: str, day: Availability) -> None:
+        """Keep what a station delivered in a day that is over."""
+        await self._write(availability_log.save_day, station, day)
+
+    async def days(self, station: str, start_gps_ns: int, end_gps_ns: int) -> dict[int, Availability]:
+        """Kept days that begin in a span, by their beginning."""
+        return await self._read(availability_log.days, station, start_gps_ns, end_gps_ns)
+
+    async def last_day(self, station: str) -> int | None:
+        """The beginning of the last day that is kept of a station."""
+        return await self._read(availability_log.last_day, station)
 
     # ------------------------------------------------------------------------------------------- devices
 

@@ -172,3 +172,19 @@ checkpoints = Table(
     _required("state", LargeBinary),
     _required("consumed", Text),
 )
+
+uptimes = Table(
+    "uptimes",
+    metadata,
+    _key("t_start_gps_ns", BigInteger),
+    _required("t_last_gps_ns"),
+)
+
+availability = Table(
+    "availability",
+    metadata,
+    _key("station"),
+    _key("t_first_gps_ns", BigInteger),
+    _required("t_end_gps_ns"),
+    _required("counts", Text),
+)

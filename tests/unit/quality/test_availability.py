@@ -3,7 +3,7 @@
 import pytest
 
 from plumbline.gps_time import NS_PER_S
-from plumbline.quality.availability import SILENCE, availability
+from plumbline.quality.availability import SERVER_DOWN, SILENCE, availability, day_start_ns
 from plumbline.records import Solution, Status
 
 T0 = 1_400_000_000 * NS_PER_S
@@ -39,3 +39,21 @@ def test_a_day_without_anything_is_one_gap() -> None:
     assert (made.expected, made.received, made.loss) == (60, 0, {SILENCE: 60})
     assert [g.epochs for g in made.gaps] == [60]
     assert made.latency_s == {}
+
+
+def test_epochs_missed_while_the_server_was_down_say_so() -> None:
+    came = [solution(s) for s in (*range(20), *range(60, 80))]
+    down = [(T0 + 30 * NS_PER_S, T0 + 50 * NS_PER_S), (T0 + 1000 * NS_PER_S, T0 + 2000 * NS_PER_S)]
+    made = availability(came, T0, T0 + 80 * NS_PER_S, down)
+    gaps = [((g.t_first_gps_ns - T0) // NS_PER_S, g.epochs, g.reason) for g in made.gaps]
+    assert gaps == [(20, 10, SILENCE), (30, 20, SERVER_DOWN), (50, 10, SILENCE)]
+    assert made.loss == {SILENCE: 20, SERVER_DOWN: 20}
+    assert sum(made.loss.values()) + made.converged == made.expected
+
+
+def test_days_are_those_of_utc() -> None:
+    start = day_start_ns(T0)
+    assert start <= T0 < start + 86_400 * NS_PER_S
+    assert (start // NS_PER_S - 18) % 86_400 == 0  # 2024: GPS is 18 s ahead, and its epoch was at midnight
+    assert day_start_ns(start) == start
+    assert day_start_ns(start - 1) == start - 86_400 * NS_PER_S
