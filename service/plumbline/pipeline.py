@@ -35,12 +35,14 @@ from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.satellites import SatelliteSource
 from plumbline.positioning.station_facts import facts_of
+from plumbline.quality.receiver_events import CONNECTIONS, ReceiverWatch, satellite_counts, slip_counts
 from plumbline.records import (
     UNKNOWN_CHANNEL,
     AntennaDescription,
     Epoch,
     InertialBlock,
     Output,
+    QualityReport,
     Solution,
     StationStatus,
     Threshold,
@@ -52,6 +54,8 @@ from plumbline.signals import System
 __all__ = ["Books", "NavigationFeed", "Pipeline"]
 
 _STATUS_INTERVAL_NS: Final = NS_PER_S
+_HOUR_NS: Final = 3600 * NS_PER_S
+_CONNECTIONS_KEPT: Final = 100
 _HELD_SPAN_NS: Final = 180 * NS_PER_S  # how long messages wait for an ephemeris to tell their week
 
 
@@ -70,10 +74,12 @@ class PipelineState:
     held: list[tuple[Observations | InertialMessage, int]] = field(default_factory=list)
     base_offset_ns: int | None = None  # of the time base that the series rests on
     counters: Counter[str] = field(default_factory=Counter)
+    receivers: dict[int, ReceiverWatch] = field(default_factory=dict)  # by antenna
     last_solution: Solution | None = None
     t_last_data_ns: int | None = None  # receive time of the last decoded observations
     t_last_status_ns: int = 0
     connection: str = ""  # the last connection event, in words
+    connected_ns: tuple[int, ...] = ()  # receive times of the last hour's connections
 
 
 class Pipeline:
@@ -148,6 +154,9 @@ class Pipeline:
     def connection_event(self, kind: str, reason: str, t_receive_ns: int) -> list[Output]:
         """The device connected, went or was refused: words for the status, no influence on the series."""
         self.state.connection = f"{kind}: {reason}" if reason else kind
+        if kind == "connected":
+            within = (t for t in self.state.connected_ns if t_receive_ns - t < _HOUR_NS)
+            self.state.connected_ns = (*within, t_receive_ns)[-_CONNECTIONS_KEPT:]
         self.state.t_last_status_ns = 0
         return self._status(t_receive_ns)
 
@@ -285,6 +294,7 @@ class Pipeline:
     def process_epoch(self, epoch: Epoch, antenna: int = 0) -> list[Output]:
         """Use one epoch of an antenna, whichever way it came."""
         self.state.t_last_data_ns = epoch.t_receive_ns
+        self.state.receivers.setdefault(antenna, ReceiverWatch()).see(epoch)
         return self._told(self._mode.receive_epoch(epoch, antenna))
 
     def receive_inertial(self, block: InertialBlock) -> list[Output]:
@@ -301,6 +311,9 @@ class Pipeline:
         for outcome in outcomes:
             if isinstance(outcome, Solution):
                 self.state.last_solution = outcome
+                self.state.counters.update(satellite_counts(outcome))
+            elif isinstance(outcome, QualityReport):
+                self.state.counters.update(slip_counts(outcome))
         return self._judge.told(self.state.judgement, outcomes)
 
     # ---------------------------------------------------------------------------------------- status
@@ -353,6 +366,10 @@ class Pipeline:
         for assembler in self.state.assemblers.values():
             total.update(assembler.counters)
         total.update(self._mode.counters)
+        if len(self.state.connected_ns) > 1:
+            total[CONNECTIONS] = len(self.state.connected_ns)
+        for receiver in self.state.receivers.values():
+            total.update(receiver.counters)
         return dict(total)
 
     def _books_source(self) -> SatelliteSource:

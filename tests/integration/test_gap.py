@@ -24,7 +24,7 @@ station = "dam"
 mode = "ppp"
 """
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(280)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(295)]
 
 
 def send(port: int, seconds: int) -> None:
@@ -39,17 +39,17 @@ def today(http: str) -> list[dict]:
 
 def test_every_missing_epoch_has_a_reason(serve: Callable) -> None:
     server = serve(CONFIG)
-    send(server.ingest_port, 6)
+    send(server.ingest_port, 8)
     time.sleep(5.0)
-    send(server.ingest_port, 6)
-    server.wait_for(lambda: bool(today(server.http)) and today(server.http)[-1]["received"] >= 8, 60.0)
+    send(server.ingest_port, 8)
+    server.wait_for(lambda: bool(today(server.http)) and today(server.http)[-1]["received"] >= 8, 90.0)
     assert server.stop() == 0
     stopped = time.time()
     time.sleep(8.0)
     started = time.time()
     server = serve(CONFIG)
-    send(server.ingest_port, 6)
-    server.wait_for(lambda: today(server.http)[-1]["received"] >= 14, 60.0)
+    send(server.ingest_port, 8)
+    server.wait_for(lambda: today(server.http)[-1]["received"] >= 14, 90.0)
     (day, *_) = today(server.http)
     assert sum(day["loss"].values()) + day["converged"] == day["expected"]
     down = [gap for gap in day["gaps"] if gap["reason"] == "the server was down"]

@@ -84,6 +84,9 @@ class Meters:
             "plumbline_station_last_receive_seconds", "POSIX time of the last input", ("station",), registry=registry
         )
         self._satellites = Gauge("plumbline_station_satellites", "satellites used", ("station",), registry=registry)
+        self._counters = Gauge(
+            "plumbline_station_counter", "what was not used or seen, by reason", ("station", "what"), registry=registry
+        )
         registry.register(_FeedCollector(feed))
 
     async def read_stations(self, store: StorePart) -> None:
@@ -95,10 +98,12 @@ class Meters:
         for station, status in statuses.items():
             self._last.labels(station).set(unix_ns_from_gps(status.t_receive_ns) / NS_PER_S)
             self._satellites.labels(station).set(status.n_satellites)
+            for what, count in status.counters.items():
+                self._counters.labels(station, what).set(count)
 
     def forget_stations(self) -> None:
         """Show no station's numbers: better none than old ones."""
-        for gauge in (self._states, self._last, self._satellites):
+        for gauge in (self._states, self._last, self._satellites, self._counters):
             gauge.clear()
 
 

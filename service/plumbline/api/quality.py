@@ -66,6 +66,7 @@ async def _span(store: Store, row: StationRow, span: tuple[int | None, int | Non
         last, begin = row.created_gps_ns, row.created_gps_ns
     else:
         last, begin = newest.t_gps_ns, day_start_ns(newest.t_gps_ns)
+        begin = max(begin, row.created_gps_ns) if row.created_gps_ns <= last else begin
     is_live = abs(now - last) < _MAX_DAYS * DAY_NS
     end = max(now - _ON_ITS_WAY_NS, last + 1) if is_live else last + NS_PER_S
     return span[0] if span[0] is not None else begin, span[1] if span[1] is not None else end

@@ -37,8 +37,9 @@ each::
      "n_satellites": 17, "counters": {"messages_1077": 12}}
 
     {"type": "alert", "sequence": 1767225600000021, "alert_id": "a:level-1:1451260817000000000", "station": "a",
-     "threshold_id": "level-1", "quantity": "displacement_horizontal", "unit": "mm", "severity": "alarm",
-     "state": "active", "level": 50.0, "value": 61.3, "text": "displacement_horizontal 61.3 mm, limit 50 mm",
+     "threshold_id": "level-1", "kind": "motion", "quantity": "displacement_horizontal", "unit": "mm",
+     "severity": "alarm", "state": "active", "level": 50.0, "value": 61.3,
+     "text": "displacement_horizontal 61.3 mm, limit 50 mm",
      "time": "2026-01-01T00:00:00.000Z", "onset": "2026-01-01T00:00:00.000Z"}
 
     {"type": "quality", "sequence": 1767225600000021, "station": "a", "time": "2026-01-01T00:00:01.000Z",

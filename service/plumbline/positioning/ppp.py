@@ -210,6 +210,8 @@ def _finish(
         "degrees_of_freedom": float(np.count_nonzero(used)),
         "rejected_observations": float(used.size - np.count_nonzero(used)),
         "new_ambiguities": float(new_ambiguities),
+        "unhealthy_satellites": float(np.count_nonzero(inputs.states.cause == Cause.UNHEALTHY)),
+        "eclipsed_satellites": float(np.count_nonzero(rows["eclipsed"] & rows["usable"])),
     }
     solution = precise_solution(
         inputs.epoch, inputs.facts, state, status, inputs.missing, len(seen), letters_of(systems), covariance, noise,

@@ -7,6 +7,7 @@ course                 an antenna's displacement against what it was in the last
 doubt                  suspicions over time: how they begin, last and end
 reference_watch        whether a reference station stands still (CUSUM)
 reference_feed         a base's stream into the books, and its own precise position watched
+receiver_events        what a receiver's epochs tell of its tracking, counted
 explain                why epochs have no solution or a poor one, in words to act on
 availability           epochs expected, received, solved, converged, fixed, and the reasons of loss
 """

@@ -86,7 +86,6 @@ def availability(
     """
     times = np.array([s.t_gps_ns for s in solutions], np.int64)
     interval_ns = _interval_ns(times)
-    expected = max(round((t_end_gps_ns - t_first_gps_ns) / interval_ns), 0)
     silent = [
         part
         for gap in _silences(times, t_first_gps_ns, t_end_gps_ns, interval_ns)
@@ -100,7 +99,7 @@ def availability(
         t_first_gps_ns=t_first_gps_ns,
         t_end_gps_ns=t_end_gps_ns,
         interval_s=interval_ns / NS_PER_S,
-        expected=max(expected, len(solutions)),
+        expected=len(solutions) + sum(gap.epochs for gap in silent),
         received=len(solutions),
         solved=sum(s.status.has_position for s in solutions),
         converged=sum(s.status in _CONVERGED for s in solutions),

@@ -7,11 +7,13 @@ well has none.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from plumbline.gps_time import NS_PER_S
+from plumbline.quality.receiver_events import CONNECTIONS
 from plumbline.records import QualityReport, Solution, StationStatus, Status, Verdict
 from plumbline.signals import satellite_name
 
@@ -23,6 +25,12 @@ _SECTOR_DEG: Final = 45
 _SECTOR_SHARE: Final = 0.05
 _FEW_IN_SECTOR: Final = 20
 _SECTORS: Final = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+_MANY_CONNECTIONS: Final = 5
+_CLOCK_STEP_S: Final = 0.5e-3
+_DOUBTFUL: Final = "doubtful: "  # as :mod:`plumbline.judgement` marks them
+_FEW_SATELLITES: Final = 4
+_REFLECTED: Final = 2.5  # times the usual scatter of code minus carrier
+_REFLECTED_LEAST_M: Final = 0.3  # at the zenith
 _POOR: Final = frozenset({Status.CONVERGING, Status.SINGLE_POINT})
 _ADVICE: Final = {
     Status.NO_EPHEMERIS: "have the device send broadcast ephemerides (1019, 1020, 1042, 1046), or add a stream of them",
@@ -51,8 +59,16 @@ def explain(
     solutions: Sequence[Solution], reports: Sequence[QualityReport], status: StationStatus | None
 ) -> tuple[Finding, ...]:
     """Findings about a station's last epochs, the most frequent first; ``reports`` are of the same span."""
-    found = [*_silence(status), *_statuses(solutions), *_ages(solutions), *_latencies(solutions)]
-    found += [*_satellites(reports), *_sectors(reports), *_interference(reports), *_events(reports), *_counters(status)]
+    found = [
+        *_silence(status),
+        *_waiting(solutions, status),
+        *_power(status),
+        *_statuses(solutions),
+        *_doubts(solutions),
+        *_ages(solutions),
+    ]
+    found += [*_latencies(solutions), *_clock(solutions), *_satellites(reports), *_sectors(reports)]
+    found += [*_reflections(reports), *_interference(reports), *_events(reports), *_counters(status)]
     return tuple(sorted(found, key=lambda finding: -finding.share))
 
 
@@ -63,10 +79,45 @@ def _silence(status: StationStatus | None) -> Iterable[Finding]:
         yield Finding("silence", text, advice, 1.0)
 
 
+def _waiting(solutions: Sequence[Solution], status: StationStatus | None) -> Iterable[Finding]:
+    """Observations without any epoch: the status says what they wait for."""
+    if not solutions and status is not None and status.state == "receiving" and status.reason:
+        yield Finding("waiting", status.reason, _ADVICE[Status.NO_EPHEMERIS], 1.0)
+
+
+def _power(status: StationStatus | None) -> Iterable[Finding]:
+    """A device that calls again and again."""
+    n = 0 if status is None else status.counters.get(CONNECTIONS, 0)
+    if n >= _MANY_CONNECTIONS:
+        text = f"the device has connected {n} times within an hour"
+        advice = "a device that starts anew so often lacks power: check battery, solar panel and cable; else the modem"
+        yield Finding("power", text, advice, 1.0)
+
+
+def _doubts(solutions: Sequence[Solution]) -> Iterable[Finding]:
+    """Displacements that a witness contradicts."""
+    reasons = Counter(s.reason[s.reason.index(_DOUBTFUL) :] for s in solutions if _DOUBTFUL in s.reason)
+    for reason, n in reasons.items():
+        advice = "go and see the antenna and its mount; compare with the neighbours and the reference station"
+        yield Finding("contradicted", f"{n} of {len(solutions)} epochs {reason}", advice, n / len(solutions))
+
+
+def _clock(solutions: Sequence[Solution]) -> Iterable[Finding]:
+    """Steps of the receiver's clock by whole milliseconds."""
+    clocks = [s.receiver_clock_s for s in solutions if s.receiver_clock_s is not None]
+    n = sum(abs(after - before) > _CLOCK_STEP_S for before, after in pairwise(clocks))
+    if n:
+        text = f"the receiver's clock jumped {n} times by a millisecond or more"
+        advice = "usual for some receivers, and harmless: the ambiguities carry on; if often, have it steer its clock"
+        yield Finding("clock", text, advice, n / len(solutions))
+
+
 def _statuses(solutions: Sequence[Solution]) -> Iterable[Finding]:
     """Every (status, reason) that is not a good solution."""
     counts = Counter(
-        (s.status, s.reason) for s in solutions if not s.status.has_position or s.status in _POOR or s.reason
+        (s.status, s.reason)
+        for s in solutions
+        if not s.status.has_position or s.status in _POOR or (s.reason and not s.reason.startswith(_DOUBTFUL))
     )
     for (state, reason), n in counts.items():
         text = f"{n} of {len(solutions)} epochs {state.value}" + (f": {reason}" if reason else "")
@@ -118,6 +169,40 @@ def _sectors(reports: Sequence[QualityReport]) -> Iterable[Finding]:
         yield Finding(
             "multipath", text, f"look for walls, cables or water {_SECTORS[k]} of the antenna", bad[k] / total[k]
         )
+
+
+def _reflections(reports: Sequence[QualityReport]) -> Iterable[Finding]:
+    """Code minus carrier of each satellite about its own mean, by where in the sky it is.
+
+    The difference of the innovations of a satellite's code and phase is free of geometry, clock and troposphere; what
+    is left beside the constant ambiguity is the code's noise and multipath, which grow towards the horizon as the
+    sine of the elevation falls.
+    """
+    by_satellite: dict[int, list[tuple[float, float, float]]] = {}
+    for report in reports:
+        phase = {int(report.satellite[i]): report.residual_m[i] for i in np.flatnonzero(report.is_phase)}
+        for i in np.flatnonzero(~report.is_phase):
+            satellite = int(report.satellite[i])
+            if satellite in phase and np.isfinite(report.residual_m[i] - phase[satellite]):
+                sample = (
+                    float(report.residual_m[i] - phase[satellite]),
+                    float(report.azimuth_rad[i]),
+                    float(report.elevation_rad[i]),
+                )
+                by_satellite.setdefault(satellite, []).append(sample)
+    spread = {s: np.array(rows) for s, rows in by_satellite.items() if len(rows) >= _FEW_IN_SECTOR}
+    sizes = {s: float(np.std(rows[:, 0]) * np.sin(rows[:, 2].mean())) for s, rows in spread.items()}
+    usual = float(np.median(list(sizes.values()))) if len(sizes) >= _FEW_SATELLITES else np.inf
+    for satellite, size in sizes.items():
+        if size > _REFLECTED * usual and size > _REFLECTED_LEAST_M:
+            azimuth, elevation = np.degrees(spread[satellite][:, 1:].mean(axis=0))
+            where = _SECTORS[int(np.round(azimuth / _SECTOR_DEG)) % len(_SECTORS)]
+            text = (
+                f"code minus carrier of {satellite_name(satellite)}, {where} at {elevation:.0f}° elevation, scatters "
+                f"{size / usual:.1f} times as much as the others': multipath"
+            )
+            advice = f"look for walls, cables or water {where} of the antenna"
+            yield Finding("multipath", text, advice, 1.0 / len(sizes))
 
 
 def _interference(reports: Sequence[QualityReport]) -> Iterable[Finding]:
