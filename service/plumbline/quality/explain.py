@@ -59,16 +59,10 @@ def explain(
     solutions: Sequence[Solution], reports: Sequence[QualityReport], status: StationStatus | None
 ) -> tuple[Finding, ...]:
     """Findings about a station's last epochs, the most frequent first; ``reports`` are of the same span."""
-    found = [
-        *_silence(status),
-        *_waiting(solutions, status),
-        *_power(status),
-        *_statuses(solutions),
-        *_doubts(solutions),
-        *_ages(solutions),
-    ]
-    found += [*_latencies(solutions), *_clock(solutions), *_satellites(reports), *_sectors(reports)]
-    found += [*_reflections(reports), *_interference(reports), *_events(reports), *_counters(status)]
+    found = [*_silence(status), *_waiting(solutions, status), *_power(status)]
+    found += [*_statuses(solutions), *_doubts(solutions), *_ages(solutions), *_latencies(solutions), *_clock(solutions)]
+    found += [*_satellites(reports), *_sectors(reports), *_reflections(reports), *_interference(reports)]
+    found += [*_events(reports), *_counters(status)]
     return tuple(sorted(found, key=lambda finding: -finding.share))
 
 
