@@ -446,7 +446,8 @@ class QualityReport:
 
     ``tests`` names: ``statistic``, ``degrees_of_freedom`` and ``critical_value`` of the global test before anything was
     left out and, with the suffix ``_after``, of what remained; the same of the ``window``; ``significance``, ``power``,
-    ``w_significance``, ``w_critical``, ``noncentrality``; ``variance_factor`` (posterior over prior).
+    ``w_significance``, ``w_critical``, ``noncentrality``; ``variance_factor`` (posterior over prior). Statistics are
+    over what is usual of the station; critical values allow for how much that varies.
     """
 
     station: str

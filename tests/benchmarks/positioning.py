@@ -80,7 +80,8 @@ print("seconds", time.perf_counter() - begun)
 """
 
 
-def _data_dir() -> Path:
+def data_dir() -> Path:
+    """Where the recordings are."""
     return Path(os.environ.get("PLUMBLINE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 
@@ -139,7 +140,7 @@ def run() -> list[Row]:
     """Measure all in turns; milliseconds per epoch."""
     warm_up()
     with tempfile.TemporaryDirectory() as folder:
-        files = _unpack(_data_dir() / "esbc-2020-177", Path(folder))
+        files = _unpack(data_dir() / "esbc-2020-177", Path(folder))
         inputs = [*files["obs"], *files["nav"], *files["sp3"], *files["clk"]]
         jobs: dict[str, _Job] = {}
         for name, frequency, peer in (("rnx2rtkp", "l1+2", _rnx2rtkp), ("pyrtklib5 postpos", "l1+l2", _postpos)):

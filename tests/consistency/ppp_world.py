@@ -123,7 +123,7 @@ class Receiver:
         root = np.sqrt(self.interval_s) * self.noise
         self.wet_m += self.rng.normal() * self.tuning.zenith_delay_m_sqrt_s * root
         self.gradient_m += self.rng.normal(size=2) * self.tuning.gradient_m_sqrt_s * root
-        self.slow_m += self.rng.normal(size=self.slow_m.size) * self.tuning.ambiguity_m_sqrt_s * root
+        self.slow_m += self.rng.normal(size=self.slow_m.size) * self.tuning.ambiguity_error_m_sqrt_s * root
         common = 3.0 * self.rng.normal()
         for system in self.clock_m:
             self.clock_m[system] += common + self.rng.normal() * self.tuning.system_clock_m_sqrt_s * root

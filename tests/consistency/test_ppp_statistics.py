@@ -43,11 +43,12 @@ def test_position_errors_are_as_large_as_claimed(motion):
 
 @pytest.mark.parametrize("motion", ["kinematic", "static"])
 def test_innovations_are_as_large_as_claimed(motion, monkeypatch):
-    """Oracle: the chi-square distribution of NIS, where the codes have white noise alone.
+    """Oracle: the chi-square distribution of NIS, where the codes have white noise alone and the gains the true model.
 
     The receiver clock, a kinematic position and new ambiguities are free in an epoch: each takes a degree of freedom.
     """
     white = tuning_of(settings_of(motion=motion))._replace(gps_bias_m=0.0, galileo_bias_m=0.0)
+    white = white._replace(ambiguity_error_m_sqrt_s=white.ambiguity_m_sqrt_s)
     for module in (ppp, ppp_world):
         monkeypatch.setattr(module, "tuning_of", lambda settings: white)
     total, freedom = 0.0, 0.0

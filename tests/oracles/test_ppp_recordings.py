@@ -12,6 +12,7 @@ import pytest
 from plumbline.config import PositioningSettings
 from plumbline.epochs.correction_book import CorrectionBook
 from plumbline.epochs.ephemeris_book import EphemerisBook
+from plumbline.estimation.dia_tables import global_critical_of_ratio
 from plumbline.files.antex import read_antex
 from plumbline.files.rinex_clock import read_clocks
 from plumbline.files.rinex_navigation import read_navigation
@@ -22,8 +23,9 @@ from plumbline.positioning.beidou_codes import correct_beidou_codes
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.gather import pairs_of
-from plumbline.positioning.ppp import step
+from plumbline.positioning.ppp import step, step_with_quality
 from plumbline.positioning.ppp_model import MODEL_DTYPE
+from plumbline.positioning.ppp_noise import levels_of
 from plumbline.positioning.precise_source import PreciseSource, channels_of_ephemerides
 from plumbline.positioning.state import initial_state, no_arcs
 from plumbline.positioning.tracking import sines_from
@@ -55,6 +57,18 @@ def _run(epochs, source, facts, settings):
         state, solution = step(state, epoch, source, settings, facts)
         solutions.append(solution)
     return solutions
+
+
+def _run_with_tests(epochs, source, facts, settings):
+    """Solutions, and of each epoch whether the global test rejects it before anything is left out."""
+    state, solutions, rejects = initial_state(), [], []
+    for epoch in epochs:
+        state, solution, found = step_with_quality(state, epoch, source, settings, facts)
+        freedom, excess = found.degrees_of_freedom, state.share.excess(found.degrees_of_freedom)
+        critical = global_critical_of_ratio(levels_of(settings), freedom, excess)
+        rejects.append(found.control.statistic / state.share.mean > critical)
+        solutions.append(solution)
+    return solutions, np.array(rejects)
 
 
 def _series(solutions):
@@ -97,6 +111,23 @@ def test_every_epoch_has_a_position_and_claims_what_it_reaches(kinematic):
         assert solution.status in (Status.PPP_FLOAT, Status.CONVERGING), solution.reason
         sigma_m = np.sqrt(np.diag(solution.covariance_enu_m2) + 0.02**2)
         assert np.all(np.abs(solution.displacement_enu_m) < 5.0 * sigma_m)
+
+
+@pytest.mark.parametrize("systems", ["GE", "GRE"])
+def test_claims_are_as_large_as_errors_and_epochs_fail_as_often_as_the_significance_says(esbc, systems):
+    """Oracle: rms errors against the published position after the first hour, half as large again either way.
+
+    The calibrations are approximate to some centimetres in height, and what they leave is part of the errors here.
+    """
+    epochs, source, facts, _ = esbc
+    settings = PositioningSettings(systems=systems)
+    solutions, rejects = _run_with_tests(epochs, source, facts, settings)
+    late = solutions[120:]
+    claimed = np.sqrt(np.mean([np.diag(s.covariance_enu_m2) for s in late], axis=0))
+    actual = np.sqrt(np.mean([np.square(s.displacement_enu_m) for s in late], axis=0))
+    assert np.all(claimed / actual < 1.5)
+    assert np.all(actual / claimed < 1.5)
+    assert rejects[120:].mean() <= 2.0 * settings.test_significance
 
 
 def test_a_static_antenna_is_quieter_from_epoch_to_epoch(esbc, kinematic):

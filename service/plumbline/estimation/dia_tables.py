@@ -12,12 +12,13 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2, norm
+from scipy.stats import chi2, f, ncx2, norm
 
 from plumbline.errors import ConfigurationError
 from plumbline.records import Floats
 
 MOST_DIMENSIONS: Final = 3
+_EXCESS_STEP: Final = 0.01  # tables are kept at multiples
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,29 @@ def w_critical(levels: Levels) -> float:
 def global_critical(levels: Levels, degrees_of_freedom: int) -> float:
     """Critical value of the global test, χ²_{1−α}(r); no test has no redundancy: infinity."""
     return float(chi2.ppf(1.0 - levels.significance, degrees_of_freedom)) if degrees_of_freedom > 0 else float("inf")
+
+
+def global_critical_of_ratio(levels: Levels, degrees_of_freedom: int, excess: float) -> float:
+    """The same where the variance factor is estimated and does not stay the same: r·F_{1−α}(r, ν)/E[F].
+
+    Coloured errors, and variances that differ from satellite to satellite and hour to hour, let a share of the
+    statistic, ``T/(r σ̂²)``, vary by more than χ²'s 2/r; ``excess`` is by how much. The F distribution of that variance
+    has ``ν = 4 + (2 r + 4)/(r · excess)``; without excess it is χ²/r (Koch 1999, *Parameter Estimation and Hypothesis
+    Testing*, 2.6.4 and 4.2.1).
+    """
+    step = round(excess / _EXCESS_STEP)
+    return (
+        _ratio_critical(levels, degrees_of_freedom, step) if step > 0 else global_critical(levels, degrees_of_freedom)
+    )
+
+
+@lru_cache(maxsize=4096)
+def _ratio_critical(levels: Levels, degrees_of_freedom: int, step: int) -> float:
+    if degrees_of_freedom <= 0:
+        return float("inf")
+    r = degrees_of_freedom
+    spread = 4.0 + (2.0 * r + 4.0) / (r * step * _EXCESS_STEP)
+    return float(r * f.ppf(1.0 - levels.significance, r, spread) * (spread - 2.0) / spread)
 
 
 @lru_cache(maxsize=64)

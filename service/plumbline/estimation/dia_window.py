@@ -28,6 +28,26 @@ class Window(NamedTuple):
     squares: float = 0.0  # Σ weight² m: half the variance of the statistic
 
 
+class Share(NamedTuple):
+    """What a degree of freedom's share of a statistic usually is: mean and variance over the epochs remembered."""
+
+    mean: float = 1.0
+    variance: float = 0.0
+    count: int = 0
+
+    def excess(self, degrees_of_freedom: float) -> float:
+        """By how much shares, over their mean, vary more than χ²'s 2/r."""
+        return max(0.0, self.variance / self.mean**2 - 2.0 / degrees_of_freedom) if degrees_of_freedom > 0.0 else 0.0
+
+
+def add_share(usual: Share, share: float, memory: int, most: float) -> Share:
+    """What is usual after an epoch's share; one larger than ``most`` usual ones counts as that."""
+    count = min(usual.count + 1, memory)
+    gain = 1.0 / (count + 1)
+    step = min(share, most * usual.mean) - usual.mean
+    return Share(usual.mean + gain * step, (1.0 - gain) * (usual.variance + gain * step * step), count)
+
+
 def add_epoch(window: Window, statistic: float, degrees_of_freedom: int, memory: float) -> Window:
     """The window after an epoch of the statistic and redundancy given."""
     return Window(

@@ -117,6 +117,20 @@ def w_statistics(inverse_factor: Floats, white: Floats) -> Floats:
 
 
 @njit(cache=True)
+def _projected(p: Floats, h: Floats, r: float) -> tuple[Floats, float]:
+    """``h p`` (n,) and the innovation's variance ``h p hᵀ + r``."""
+    n = h.size
+    hp, variance = np.zeros(n), r
+    for j in range(n):
+        if h[j] != 0.0:
+            for k in range(n):
+                hp[k] += h[j] * p[j, k]
+    for j in range(n):
+        variance += h[j] * hp[j]
+    return hp, variance
+
+
+@njit(cache=True)
 def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
     """Update ``x`` and ``p`` in place by one observation (``h`` (n,), innovation ``v`` at the current ``x``), Joseph.
 
@@ -125,13 +139,7 @@ def update_scalar(x: Floats, p: Floats, h: Floats, r: float, v: float) -> float:
     enters squared. Symmetric to rounding.
     """
     n = x.size
-    hp, variance = np.zeros(n), r
-    for j in range(n):
-        if h[j] != 0.0:
-            for k in range(n):
-                hp[k] += h[j] * p[j, k]
-    for j in range(n):
-        variance += h[j] * hp[j]
+    hp, variance = _projected(p, h, r)
     gain = hp / variance
     hph = variance - r
     for i in range(n):
@@ -158,8 +166,49 @@ def update_sequential(x: Floats, p: Floats, h: Floats, r: Floats, v: Floats, use
                 moved += h[i, j] * (x[j] - start[j])
             left = v[i] - moved
             nis += left * left / update_scalar(x, p, h[i], r[i], left)
-    for i in range(n):
+    _make_symmetric(p)
+    return nis
+
+
+@njit(cache=True)
+def _make_symmetric(p: Floats) -> None:
+    for i in range(p.shape[0]):
         for j in range(i):
             mean = 0.5 * (p[i, j] + p[j, i])
             p[i, j], p[j, i] = mean, mean
+
+
+@njit(cache=True)
+def _carry_errors(q: Floats, gain: Floats, h: Floats, r: float) -> None:
+    """``(1 − k h) q (1 − k h)ᵀ + r k kᵀ`` for any gain ``k`` (n,), in place."""
+    hq, spread = _projected(q, h, r)
+    for i in range(gain.size):
+        along = spread * gain[i] - hq[i]
+        for k in range(gain.size):
+            q[i, k] += along * gain[k] - gain[i] * hq[k]
+
+
+@njit(cache=True)
+def update_with_errors(
+    x: Floats, p: Floats, q: Floats, h: Floats, r: Floats, v: Floats, use: NDArray[np.bool_]
+) -> float:  # fmt: skip
+    """As :func:`update_sequential`, and ``q``, in place: the covariance of the errors that the gains of ``p`` leave.
+
+    A filter that trusts its model less than it could has gains, and a covariance ``p``, that go with larger errors than
+    it has; what these are follows from the same gains and the true model (Gelb 1974, *Applied Optimal Estimation*,
+    7.2).
+    """
+    start = x.copy()
+    n, nis = x.size, 0.0
+    for i in range(v.size):
+        if use[i]:
+            moved = 0.0
+            for j in range(n):
+                moved += h[i, j] * (x[j] - start[j])
+            left = v[i] - moved
+            hp, variance = _projected(p, h[i], r[i])
+            _carry_errors(q, hp / variance, h[i], r[i])
+            nis += left * left / update_scalar(x, p, h[i], r[i], left)
+    _make_symmetric(p)
+    _make_symmetric(q)
     return nis

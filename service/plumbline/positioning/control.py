@@ -32,11 +32,12 @@ _NORMAL_MEDIAN_OF_THREE: Final = 1.03  # of the largest of |x|, |y| and |x + y|/
 _SQUARE_OF_THREE: Final = 1.6  # mean of the square of the largest of |x|, |y| and |x + y|/√2
 _LARGEST_SQUARE: Final = 12.0
 _SCALE_GAIN: Final = 0.04  # of one code's usual size: a memory of 25 epochs
+_SCALE_PRIOR: Final = 5.0  # … what all codes' is counts for as many epochs
 TAIL: Final = 1.55  # real errors have longer tails than normal ones: critical values of w are higher by this
 _RESTLESS: Final = 3.0  # where an epoch does not agree, once more with statistics allowed to be this much larger
 _LEAST_SCALE: Final = 0.2
 _MOST_SCALE: Final = 4.0
-_DOUBT: Final = 0.6  # share of its limit from which an observation is believed less
+_DOUBT: Final = 0.5  # share of its limit from which an observation is believed less
 _CODE_FLOOR_M: Final = 0.2  # multipath of one code that changes from epoch to epoch, whatever the elevation
 _INSEPARABLE_CORRELATION: Final = 0.98
 _MEAN_MEMORY: Final = 200  # epochs of a code's means
@@ -112,9 +113,9 @@ def _bounded(scale: float) -> float:
 
 @njit(cache=True)
 def _code_sigma_m(pair, sine: float, level, code_scale: float, tuning: Tuning) -> float:  # type: ignore[no-untyped-def]
-    """One sigma of the noise of one code, at an elevation: as all codes' is usually or, where larger, its own."""
+    """One sigma of the noise of one code at an elevation and C/N₀: as all codes' is usually or, if larger, its own."""
     combination = np.sqrt(pair.alpha**2 + (pair.alpha - 1.0) ** 2)
-    white = noise_factor(pair, sine, tuning) / combination * tuning.code_sigma_m
+    white = noise_factor(pair, sine, tuning) / combination * tuning.code_sigma_m * np.sqrt(1.0 + pair.thermal)
     return float(max(code_scale, level.scale) * np.sqrt(white**2 + _CODE_FLOOR_M**2))
 
 
@@ -148,27 +149,31 @@ def _statistic(table: Floats, misclosure: Floats, kind: Ints, out: Booleans, pha
 
 
 @njit(cache=True)
-def _limits(kind: Ints, phase_scale: float, may_move: bool, tuning: Tuning) -> Floats:
-    """Critical χ² value of each alternative: the tables', times its kind's usual size."""
-    limits = np.empty(kind.size + (1 if may_move else 0))
-    for i in range(kind.size):
-        limits[i] = tuning.critical * (TAIL * (phase_scale if kind[i] % 2 == 1 else 1.0)) ** 2
+def _limits(scene: Scene, phase_scale: float, may_move: bool, tuning: Tuning) -> Floats:
+    """Critical χ² value of each alternative: the tables', times its kind's usual size, and a weak phase's own."""
+    n = scene.kind.size
+    limits = np.empty(n + (1 if may_move else 0))
+    for i in range(n):
+        limits[i] = tuning.critical * TAIL**2
+        if scene.kind[i] % 2 == 1:
+            limits[i] *= phase_scale**2 * (1.0 + scene.pairs[scene.kind[i] // 2].thermal)
     if may_move:
-        limits[kind.size] = tuning.critical_move * (TAIL * phase_scale) ** 2
+        limits[n] = tuning.critical_move * (TAIL * phase_scale) ** 2
     return limits
 
 
 @njit(cache=True)
 def doubt(ratio: float) -> float:
-    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 up to ``_DOUBT``.
+    """Factor on the variance of an observation whose w-statistic is ``ratio`` of its limit: 1 up to one half.
 
-    Beyond, it grows without bound towards the limit (the IGG III weights of Yang 1999), so that whether an observation
-    lies just below or just above makes no jump in the position.
+    Beyond, its weight falls so that its influence, ``ratio`` times the weight, goes down to none at the limit as
+    steeply as it rose (a two-part redescending influence: Hampel et al. 1986, *Robust statistics*, 2.6). Whether an
+    observation lies just below its limit or just above then makes no jump in the position, and nowhere does an
+    observation's noise move the position by more than at full weight.
     """
     if ratio <= _DOUBT:
         return 1.0
-    left = max(1.0 - ratio, 1e-3)
-    return ratio / _DOUBT * ((1.0 - _DOUBT) / left) ** 2
+    return ratio / max(_DOUBT / (1.0 - _DOUBT) * (1.0 - ratio), 1e-6)
 
 
 @njit(cache=True)
@@ -318,7 +323,7 @@ def _verdicts(scene, out, error, sigma, table):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _identified(table, starts, forced, scene, phase_scale, may_move, tuning):  # type: ignore[no-untyped-def]
     """Identification with the critical values of a scale; and the alternatives' columns adopted."""
-    limits = _limits(scene.kind, phase_scale, may_move, tuning)
+    limits = _limits(scene, phase_scale, may_move, tuning)
     found = dia.identify(table, starts, ~forced[: starts.size - 1], limits, max(2, scene.kind.size // 6))
     adopted = forced.copy()
     for g in found.order:
@@ -420,7 +425,8 @@ def _remember_scale(level, w, usual):  # type: ignore[no-untyped-def]
     if np.isnan(used):
         return
     ratio = min(w * w / _SQUARE_OF_THREE, _LARGEST_SQUARE)
-    level.scale = min(used * np.sqrt(1.0 + _SCALE_GAIN * (ratio - 1.0)), _MOST_SCALE)
+    gain = max(_SCALE_GAIN, 1.0 / (level.count + _SCALE_PRIOR))
+    level.scale = min(used * np.sqrt(1.0 + gain * (ratio - 1.0)), _MOST_SCALE)
 
 
 @njit(cache=True)

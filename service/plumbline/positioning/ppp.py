@@ -34,7 +34,6 @@ _START_SIGMA_M: Final = 30.0
 _ZENITH_WET_SIGMA_M: Final = 0.06
 _GRADIENT_SIGMA_M: Final = 0.0005
 _WEAK_SIGMA_M: Final = 3.0  # a precise position worse than that is compared with a single point
-_LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 _STAY_CONVERGED: Final = 2.0  # once converged, a position stays so up to this multiple of the limit
 _ACCEPTED: Final = int(Verdict.ACCEPTED)
 _REJECTED_LIMIT: Final = 5  # epochs in a row that do not fit, after which the filter begins anew
@@ -106,7 +105,7 @@ def _begun(position_ecef_m: Floats, facts: StationFacts, zenith_wet_m: float, st
     p[ZENITH_DELAY, ZENITH_DELAY] = _ZENITH_WET_SIGMA_M**2
     np.fill_diagonal(p[GRADIENTS, GRADIENTS], _GRADIENT_SIGMA_M**2)
     return replace(
-        state, x=x, p=p, arcs=no_arcs(), phase_jump_m=0.0, phase_scale=1.0, code_scale=1.0,
+        state, x=x, p=p, errors=p.copy(), arcs=no_arcs(), phase_jump_m=0.0, phase_scale=1.0, code_scale=1.0,
         rejected_in_a_row=0, t_converged_gps_ns=None,
     )  # fmt: skip
 
@@ -141,7 +140,7 @@ def _filter(state: PppState, inputs: Inputs, source: SatelliteSource) -> _Result
         n = int(np.count_nonzero(rows["usable"]))
         return rejected, no_position(epoch, inputs.facts, Status.REJECTED, reason, n), quality
     state, solution, quality = _finish(updated, inputs, site, rows, quality, tracked.new_ambiguities)
-    if np.trace(state.p[POSITION, POSITION]) > _WEAK_SIGMA_M**2:
+    if np.trace(state.errors[POSITION, POSITION]) > _WEAK_SIGMA_M**2:
         solution = instead(state, inputs, source, solution)
     return state, solution, quality
 
@@ -152,13 +151,14 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
     Both are None where the codes show that the position is wrong altogether.
     """
     state = tracked.state
-    x, p, arcs, levels = state.x.copy(), state.p.copy(), state.arcs.copy(), state.levels.copy()
+    x, p, errors = state.x.copy(), state.p.copy(), state.errors.copy()
+    arcs, levels = state.arcs.copy(), state.levels.copy()
     dt_s = 0.0 if state.t_gps_ns is None else (inputs.epoch.t_gps_ns - state.t_gps_ns) / _NS
     free = tracked.new_ambiguities + (4 if inputs.tuning.position_jump_m > 0.0 else 1)
     stands = inputs.tuning.position_jump_m == 0.0 and state.t_converged_gps_ns is not None
     usual = Usual(state.code_scale, state.phase_scale, stands)
     outcome, h, v, r, kind, found, nis = ppp_filter.advance(
-        x, p, arcs, levels, rows, inputs.pairs, tracked.arc_of_pair, inputs.epoch.t_gps_ns, dt_s, usual, _LOST_M,
+        x, p, errors, arcs, levels, rows, inputs.pairs, tracked.arc_of_pair, inputs.epoch.t_gps_ns, dt_s, usual,
         inputs.tuning,
     )  # fmt: skip
     if outcome == ppp_filter.LOST:
@@ -179,7 +179,7 @@ def _update(tracked: Tracked, rows: Records, inputs: Inputs) -> tuple[PppState |
         return None, quality
     state = remember(state, found, quality.degrees_of_freedom - int(np.count_nonzero(~quality.used)))
     return replace(
-        state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, arcs=arcs, levels=levels, rejected_in_a_row=0
+        state, t_gps_ns=inputs.epoch.t_gps_ns, x=x, p=p, errors=errors, arcs=arcs, levels=levels, rejected_in_a_row=0
     ), quality
 
 
@@ -196,7 +196,7 @@ def _finish(
 ) -> tuple[PppState, Solution, EpochQuality]:
     """The solution of an updated filter, and what the state remembers of it."""
     used = quality.used
-    covariance: Floats = site.rotation_enu @ state.p[POSITION, POSITION] @ site.rotation_enu.T
+    covariance: Floats = site.rotation_enu @ state.errors[POSITION, POSITION] @ site.rotation_enu.T
     noise = epoch_noise_enu_m2(
         site.rotation_enu, quality.design, quality.variance_m2, quality.kind, used, state.phase_scale,
         state.covariance_enu_m2, covariance,

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from plumbline.estimation.kalman import cholesky_lower, lower_inverse, update_sequential
+from plumbline.estimation.kalman import cholesky_lower, lower_inverse, update_with_errors
 from plumbline.positioning.control import Control, Scene, Usual, book_keep, control, nothing_found
 from plumbline.positioning.ppp_noise import Tuning, code_scale, variances
 from plumbline.positioning.state import CLOCKS, GRADIENTS, N_CORE, POSITION, ZENITH_DELAY, Records
@@ -25,31 +25,35 @@ _NEW_CLOCK_SIGMA_M: Final = 30.0
 _POSITION_AXES: Final = POSITION.stop
 _ACCEPTED: Final = int(Verdict.ACCEPTED)
 _MOVE_ROOM: Final = 25.0  # variance of a position that has jumped, in squares of the jump: five times as far
+_LOST_M: Final = 15.0  # codes that differ by more (median) say that the position is wrong
 UPDATED: Final = 0
 DISAGREES: Final = 1
 LOST: Final = 2
 
 
 @njit(cache=True)
-def carry_over(x: Floats, p: Floats, previous: Ints) -> tuple[Floats, Floats]:
-    """State and covariance for the new arcs: core states as they are, ambiguities from ``previous`` (−1: zero)."""
+def carry_over(x: Floats, p: Floats, q: Floats, previous: Ints) -> tuple[Floats, Floats, Floats]:
+    """State and covariances for the new arcs: core states as they are, ambiguities from ``previous`` (−1: zero)."""
     n = N_CORE + previous.size
     source = np.empty(n, np.int64)
     for i in range(n):
         source[i] = i if i < N_CORE else (N_CORE + previous[i - N_CORE] if previous[i - N_CORE] >= 0 else -1)
-    out_x, out_p = np.zeros(n), np.zeros((n, n))
+    out_x, out_p, out_q = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         if source[i] >= 0:
             out_x[i] = x[source[i]]
             for j in range(n):
                 if source[j] >= 0:
                     out_p[i, j] = p[source[i], source[j]]
-    return out_x, out_p
+                    out_q[i, j] = q[source[i], source[j]]
+    return out_x, out_p, out_q
 
 
 @njit(cache=True)
-def predict_state(p: Floats, arcs: Records, dt_s: float, tuning: Tuning) -> None:
-    """Add the process noise of ``dt_s`` to ``p``, in place; states not in use stay at zero."""
+def predict_state(p: Floats, arcs: Records, dt_s: float, ambiguity_m_sqrt_s: float, tuning: Tuning) -> None:
+    """Add the process noise of ``dt_s`` to ``p``, in place, with the ambiguities' walk given; states not in use stay at
+    zero.
+    """
     for i in range(_POSITION_AXES):
         p[i, i] += tuning.position_m_sqrt_s**2 * dt_s + tuning.position_jump_m**2
     p[ZENITH_DELAY, ZENITH_DELAY] += tuning.zenith_delay_m_sqrt_s**2 * dt_s
@@ -63,7 +67,7 @@ def predict_state(p: Floats, arcs: Records, dt_s: float, tuning: Tuning) -> None
                     p[i, j] += tuning.common_clock_m**2
     for k in range(arcs.size):
         if arcs[k].estimated:
-            p[N_CORE + k, N_CORE + k] += tuning.ambiguity_m_sqrt_s**2 * dt_s
+            p[N_CORE + k, N_CORE + k] += ambiguity_m_sqrt_s**2 * dt_s
 
 
 @njit(cache=True)
@@ -74,7 +78,7 @@ def _reduced(row, x: Floats) -> float:  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> Floats:
+def foretell_clocks(x: Floats, p: Floats, q: Floats, rows: Records, pairs: Records) -> Floats:
     """Move the clocks to where the codes see them, in place; begin those of systems not seen before.
 
     Returns what is left between codes and prediction, m (n,), NaN where not usable: large where the position is wrong.
@@ -99,7 +103,7 @@ def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> Floa
         own = misclosure[(pairs["system"] == system) & ~np.isnan(misclosure)]
         if p[k, k] == 0.0 and own.size > 0:
             x[k] = np.median(own)
-            p[k, k] = _NEW_CLOCK_SIGMA_M**2
+            p[k, k], q[k, k] = _NEW_CLOCK_SIGMA_M**2, _NEW_CLOCK_SIGMA_M**2
             for i in range(rows.size):
                 if pairs[i].system == system:
                     misclosure[i] -= x[k]
@@ -107,16 +111,19 @@ def foretell_clocks(x: Floats, p: Floats, rows: Records, pairs: Records) -> Floa
 
 
 @njit(cache=True)
-def begin_ambiguities(x: Floats, p: Floats, rows: Records, pairs: Records, arcs: Records, arc_of_pair: Ints) -> None:
+def begin_ambiguities(
+    x: Floats, p: Floats, q: Floats, rows: Records, pairs: Records, arcs: Records, arc_of_pair: Ints
+) -> None:  # fmt: skip
     """Begin the ambiguities of arcs whose state is not in use, at phase less code, in place."""
     for i in range(rows.size):
         arc = arc_of_pair[i]
         if rows[i].usable and arc >= 0 and not arcs[arc].estimated:
             k = N_CORE + arc
             x[k] = pairs[i].phase_m - rows[i].wind_up_m - _reduced(rows[i], x) - x[_CLOCK + pairs[i].system]
-            p[k, :] = 0.0
-            p[:, k] = 0.0
-            p[k, k] = _AMBIGUITY_SIGMA_M**2
+            for covariance in (p, q):
+                covariance[k, :] = 0.0
+                covariance[:, k] = 0.0
+                covariance[k, k] = _AMBIGUITY_SIGMA_M**2
             arcs[arc].estimated = True
 
 
@@ -158,63 +165,72 @@ def observation_equations(
 
 
 @njit(cache=True)
-def _active(x: Floats, p: Floats, h: Floats) -> tuple[Ints, Floats, Floats, Floats]:
-    """The states in use (with a variance): their numbers, and state, covariance and design of them alone."""
-    active = np.flatnonzero(np.diag(p) > 0.0)
-    p_active = np.empty((active.size, active.size))
+def _rows_and_columns(p: Floats, active: Ints) -> Floats:
+    out = np.empty((active.size, active.size))
     for i in range(active.size):
         for j in range(active.size):
-            p_active[i, j] = p[active[i], active[j]]
-    return active, x[active], p_active, np.ascontiguousarray(h[:, active])
+            out[i, j] = p[active[i], active[j]]
+    return out
+
+
+@njit(cache=True)
+def _put_back(p: Floats, active: Ints, values: Floats) -> None:
+    for i in range(active.size):
+        for j in range(active.size):
+            p[active[i], active[j]] = values[i, j]
 
 
 @njit(cache=True)
 def update(
-    x: Floats, p: Floats, h: Floats, v: Floats, r: Floats, scene: Scene, usual: Usual, tuning: Tuning
+    x: Floats, p: Floats, q: Floats, h: Floats, v: Floats, r: Floats, scene: Scene, usual: Usual, tuning: Tuning
 ) -> tuple[Control, float]:  # fmt: skip
-    """Test an epoch's observations and, where they agree, update ``x`` and ``p`` in place by those that passed.
+    """Test an epoch's observations and, where they agree, update ``x``, ``p``, ``q`` in place by those that passed.
 
     Where a jump of the position explains them, the position is first let go by as much (adaptation: the state is
     widened). Where nothing does, nothing is changed. Second: the NIS of what passed.
     """
-    active, x_active, p_active, h_active = _active(x, p, h)
+    active = np.flatnonzero(np.diag(p) > 0.0)  # the states in use have a variance
+    x_active, h_active = x[active], np.ascontiguousarray(h[:, active])
+    p_active, q_active = _rows_and_columns(p, active), _rows_and_columns(q, active)
     found, nis = control(p_active, h_active, v, r, scene, usual, tuning), 0.0
     if found.agrees:
         if not np.isnan(found.moved_m[0]):
             for k in range(_POSITION_AXES):
                 p_active[k, k] += _MOVE_ROOM * np.sum(found.moved_m**2)
-        nis = update_sequential(x_active, p_active, h_active, r * found.factor, v, found.verdict == _ACCEPTED)
-        for i in range(active.size):
-            x[active[i]] = x_active[i]
-            for j in range(active.size):
-                p[active[i], active[j]] = p_active[i, j]
+                q_active[k, k] += _MOVE_ROOM * np.sum(found.moved_m**2)
+        accepted = found.verdict == _ACCEPTED
+        nis = update_with_errors(x_active, p_active, q_active, h_active, r * found.factor, v, accepted)
+        x[active] = x_active
+        _put_back(p, active, p_active)
+        _put_back(q, active, q_active)
     return found, nis
 
 
 @njit(cache=True)
 def advance(
-    x: Floats, p: Floats, arcs: Records, levels: Records, rows: Records, pairs: Records, arc_of_pair: Ints,
-    t_gps_ns: int, dt_s: float, usual: Usual, lost_m: float, tuning: Tuning,
+    x: Floats, p: Floats, q: Floats, arcs: Records, levels: Records, rows: Records, pairs: Records,
+    arc_of_pair: Ints, t_gps_ns: int, dt_s: float, usual: Usual, tuning: Tuning,
 ) -> tuple[int, Floats, Floats, Floats, Ints, Control, float]:  # fmt: skip
-    """An epoch of the filter: predict over ``dt_s`` (0: the first), test, update ``x``, ``p``, ``arcs``, ``levels`` in
-    place.
+    """An epoch of the filter: predict over ``dt_s`` (0: the first), test, update; state, covariances, ``arcs`` and
+    ``levels`` in place.
 
-    Returns UPDATED, DISAGREES or LOST (the codes are further than ``lost_m`` from the prediction), the design (m, n),
+    Returns UPDATED, DISAGREES or LOST (the codes are further than ``_LOST_M`` from the prediction), the design (m, n),
     innovations and variances as used (m,), kinds (m,), what quality control found and the NIS of what it accepted.
     """
     if dt_s > 0.0:
-        predict_state(p, arcs, dt_s, tuning)
-    misclosure_m = foretell_clocks(x, p, rows, pairs)
+        predict_state(p, arcs, dt_s, tuning.ambiguity_m_sqrt_s, tuning)
+        predict_state(q, arcs, dt_s, tuning.ambiguity_error_m_sqrt_s, tuning)
+    misclosure_m = foretell_clocks(x, p, q, rows, pairs)
     none = np.zeros(0)
-    if dt_s > 0.0 and np.nanmedian(np.abs(misclosure_m)) > lost_m:
+    if dt_s > 0.0 and np.nanmedian(np.abs(misclosure_m)) > _LOST_M:
         return LOST, np.zeros((0, 0)), none, none, np.zeros(0, np.int64), nothing_found(0), 0.0
-    begin_ambiguities(x, p, rows, pairs, arcs, arc_of_pair)
+    begin_ambiguities(x, p, q, rows, pairs, arcs, arc_of_pair)
     scale = code_scale(misclosure_m, rows, pairs, tuning)
     code_variance, phase_variance, added = variances(rows, pairs, arcs, arc_of_pair, dt_s, scale, tuning)
     h, v, r, kind = observation_equations(x, rows, pairs, arc_of_pair, code_variance, phase_variance)
     before = x.copy()
     scene = Scene(kind, rows, pairs, arcs, arc_of_pair, levels, t_gps_ns)
-    found, nis = update(x, p, h, v, r, scene, usual, tuning)
+    found, nis = update(x, p, q, h, v, r, scene, usual, tuning)
     if found.agrees:
         book_keep(found, v, v - h @ (x - before), scene, added)
     return UPDATED if found.agrees else DISAGREES, h, v, r * found.factor, kind, found, nis

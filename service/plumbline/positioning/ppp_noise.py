@@ -42,7 +42,8 @@ class Tuning(NamedTuple):
     gradient_m_sqrt_s: float
     common_clock_m: float  # the receiver clock after the codes have foretold it
     system_clock_m_sqrt_s: float  # walk of one system's clock against the others'
-    ambiguity_m_sqrt_s: float
+    ambiguity_m_sqrt_s: float  # for the gains
+    ambiguity_error_m_sqrt_s: float  # for the errors that these leave
     gps_bias_m: float  # what is left of a code whose bias is known, ionosphere-free
     galileo_bias_m: float
     unknown_bias_m: float
@@ -74,8 +75,9 @@ def tuning_of(settings: PositioningSettings) -> Tuning:
         common_clock_m=30.0,
         system_clock_m_sqrt_s=0.0002,
         ambiguity_m_sqrt_s=0.0003,
+        ambiguity_error_m_sqrt_s=0.0001,
         gps_bias_m=0.1,
-        galileo_bias_m=0.2,
+        galileo_bias_m=0.15,
         unknown_bias_m=1.0,
         glonass_bias_m=3.0,
         beidou_bias_m=1.0,

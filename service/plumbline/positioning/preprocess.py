@@ -55,6 +55,7 @@ PAIR_DTYPE: Final = np.dtype(
         ("wide_lane_cycles", np.float64),
         ("lock_time_s", np.float64),
         ("cn0_db_hz", np.float64),  # of the weaker signal
+        ("thermal", np.float64),  # thermal noise's share in the variances, against all other noise
     ],
     align=True,
 )
@@ -80,21 +81,25 @@ _MODES: Final[dict[System, str]] = {
 _MAX_PAIRS = 5
 
 
-def _tables() -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.int8]]:
-    """Band digit and rank of each signal id, and band digits (system, preference, 2) of the pairs (0: none)."""
+def _tables() -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.int8], NDArray[np.bool_]]:
+    """Band digit and rank of each signal id, band digits (system, preference, 2) of the pairs (0: none), and whether a
+    signal is tracked without its code, so that its C/N0 is that after the loss of squaring (GPS P(Y)).
+    """
     band, rank = np.zeros(N_SIGNALS, np.int8), np.full(N_SIGNALS, 20, np.int8)
-    pairs = np.zeros((len(System), _MAX_PAIRS, 2), np.int8)
+    pairs, codeless = np.zeros((len(System), _MAX_PAIRS, 2), np.int8), np.zeros(N_SIGNALS, np.bool_)
     for system, codes in MSM_SIGNAL_CODES.items():
         for msm_signal, code in codes.items():
             signal = system * SIGNALS_PER_SYSTEM + msm_signal - 1
             band[signal] = int(code[0])
+            codeless[signal] = code[1] == "W"
             rank[signal] = _MODES.get(system, "").find(code[1]) % 20
         for i, pair in enumerate(BAND_PAIRS.get(system, ())):
             pairs[system, i] = int(pair[0]), int(pair[1])
-    return band, rank, pairs
+    return band, rank, pairs, codeless
 
 
-SIGNAL_BAND, _RANK, _PAIRS = _tables()
+SIGNAL_BAND, _RANK, _PAIRS, _CODELESS = _tables()
+_THERMAL_CN0_DB_HZ: Final = 36.0  # at which thermal noise is as large as all other
 _UNKNOWN_BIAS_RANK: Final = 40
 _GLONASS: Final = int(System.GLONASS)
 
@@ -184,6 +189,14 @@ def _or_zero(value: float) -> float:
 
 
 @njit(cache=True)
+def _thermal(signal: int, cn0_db_hz: float) -> float:
+    """Variance of thermal noise over that of all other: as 10^(−C/N₀/10) (Wieser & Brunner 2000, SIGMA-ε)."""
+    if not cn0_db_hz > 0.0 or _CODELESS[signal]:
+        return 0.0
+    return float(10.0 ** (0.1 * (_THERMAL_CN0_DB_HZ - cn0_db_hz)))
+
+
+@njit(cache=True)
 def _combine_codes(pair, f1, f2, c1, c2):  # type: ignore[no-untyped-def]
     """Fill a pair's frequencies and code from two codes, m (the second NaN: one frequency)."""
     pair.frequency_1_hz, pair.frequency_2_hz = f1, f2
@@ -215,6 +228,7 @@ def _fill_pair(pair, i, j, k, m, rows):  # type: ignore[no-untyped-def]
     pair.code_1, pair.code_2 = signal[i], signal[j] if j >= 0 else np.int16(-1)
     pair.bias_known = not (np.isnan(code_bias[i]) or (j >= 0 and np.isnan(code_bias[j])))
     pair.cn0_db_hz = np.minimum(cn0[i], cn0[max(j, i)])
+    pair.thermal = max(_thermal(signal[i], cn0[i]), _thermal(signal[max(j, i)], cn0[max(j, i)]))
     pair.signal_1, pair.signal_2 = -1, -1
     if k >= 0:
         l1 = phase[k] * SPEED_OF_LIGHT_M_S / f1 + _or_zero(phase_bias[k])

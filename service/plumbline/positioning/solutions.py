@@ -69,6 +69,11 @@ def point_solution(
         systems=systems,
         receiver_clock_s=float(clocks[0]) / SPEED_OF_LIGHT_M_S if clocks.size else None,
         pdop=point.pdop,
+        extras={
+            "test_statistic": point.statistic,
+            "degrees_of_freedom": float(point.degrees_of_freedom),
+            "rejected_observations": float(np.count_nonzero(~point.used & (point.w != 0.0))),
+        },
     )  # fmt: skip
 
 

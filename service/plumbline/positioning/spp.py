@@ -1,8 +1,9 @@
 """Single-point positioning: a metre-level position from codes and broadcast ephemerides alone.
 
 It starts the precise filter, and is what a station shows while corrections lack. Iterated least squares over position
-and one clock a system; a code that does not agree with the others is found by its w-statistic and left out, one at a
-time, as long as the rest stays redundant (the idea of RAIM: Parkinson & Axelrad 1988).
+and one clock a system. Codes in error are identified by their w-statistics (:mod:`plumbline.estimation.dia`), several
+if need be, as long as the rest stays redundant; at each solution all codes are tested again, so that one that was left
+out only because of another comes back (RAIM: Parkinson & Axelrad 1988; re-instatement: Lee 2016, section 2.2).
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from plumbline.constants import EARTH_ROTATION_RATE_RAD_S, SPEED_OF_LIGHT_M_S
+from plumbline.estimation import dia
 from plumbline.estimation.kalman import cholesky_lower, lower_inverse
 from plumbline.estimation.least_squares import solve
 from plumbline.gnss.earth_frames import geodetic_from_ecef
@@ -20,7 +22,10 @@ from plumbline.records import Booleans, Floats
 from plumbline.signals import System
 
 _N_SYSTEMS: Final = len(System)
-_W_LIMIT: Final = 4.0
+_AXES: Final = 3
+_W_LIMIT: Final = 4.0  # codes' tails are longer than normal ones
+_LEAST_REDUNDANCY: Final = 1e-6  # of a code that others check
+_MAX_ROUNDS: Final = 8
 _MAX_ITERATIONS: Final = 12
 _LOWEST_SINE: Final = 0.05
 
@@ -34,6 +39,9 @@ class PointSolution:
     covariance_ecef_m2: Floats  # (3, 3)
     used: Booleans  # (n,) of the rows given
     pdop: float
+    w: Floats  # (n,) w-statistics given the errors found, zero where nothing checks a code
+    statistic: float  # vᵀ R⁻¹ v of the codes used, χ² of …
+    degrees_of_freedom: int
 
 
 @njit(cache=True)
@@ -121,35 +129,49 @@ def _iterate(start, satellite_m, satellite_clock_m, code_m, sigma_m, system, use
 
 
 @njit(cache=True)
-def _worst(h, residual, sigma, covariance, use):  # type: ignore[no-untyped-def]
-    """Row of the largest w-statistic and its size; rows that nothing checks are never named."""
-    worst, largest = -1, 0.0
-    for i in range(residual.size):
-        if not use[i]:
-            continue
-        variance = sigma[i] * sigma[i] - h[i] @ covariance @ h[i]
-        if variance > 1e-6 * sigma[i] * sigma[i] and abs(residual[i]) > largest * np.sqrt(variance):
-            worst, largest = i, abs(residual[i]) / np.sqrt(variance)
-    return worst, largest
+def _identify(position, satellite_m, satellite_clock_m, code_m, sigma_m, system, observed):  # type: ignore[no-untyped-def]
+    """Codes in error among those observed, linearised at a position: which, all codes' w, and the statistic without.
+
+    Last items: degrees of freedom that are left, and whether the codes named explain the misfit. Rows that nothing
+    checks are never named.
+    """
+    columns = _columns_of(system, observed)
+    h, v, sigma = _linearise(position, satellite_m, satellite_clock_m, code_m, sigma_m, system, observed, columns)
+    rows = np.flatnonzero(observed)
+    redundancy = rows.size - h.shape[1]
+    wrong, w = np.zeros(observed.size, np.bool_), np.zeros(observed.size)
+    table, solvable = dia.residual_information(h[rows], v[rows], sigma[rows])
+    if not solvable:
+        return wrong, w, 0.0, 0, False
+    checked = np.diag(table)[:-1] * sigma[rows] ** 2 > _LEAST_REDUNDANCY
+    limits = np.full(rows.size, _W_LIMIT**2)
+    most = min(max(1, rows.size // 3), redundancy - 1)
+    found = dia.identify(table, np.arange(rows.size + 1), checked, limits, most)
+    w[rows] = np.where(checked, dia.w_values(found.swept, found.adopted)[0], 0.0)
+    wrong[rows] = found.adopted
+    return wrong, w, max(found.statistic_after, 0.0), redundancy - found.order.size, found.explained
 
 
 @njit(cache=True)
-def _position(start, satellite_m, satellite_clock_m, code_m, sigma_m, system, use):  # type: ignore[no-untyped-def]
-    """Solve, leave out what does not agree, solve again. ``use`` is changed in place; last item: whether it worked."""
-    spare = max(1, int(np.sum(use)) // 3)
-    while True:
-        result = _iterate(start, satellite_m, satellite_clock_m, code_m, sigma_m, system, use)
-        position, clock, covariance, h, residual, sigma, converged = result
+def _position(start, satellite_m, satellite_clock_m, code_m, sigma_m, system, observed):  # type: ignore[no-untyped-def]
+    """Solve, test all codes at the solution, solve without those in error, until the same ones are named again.
+
+    Returns position, clocks, covariance, codes used (n,), w (n,), statistic, degrees of freedom, whether it worked.
+    """
+    use, position, clock = observed.copy(), start.copy(), np.full(_N_SYSTEMS, np.nan)
+    covariance, w = np.zeros((_AXES, _AXES)), np.zeros(observed.size)
+    for _ in range(_MAX_ROUNDS):
+        result = _iterate(position, satellite_m, satellite_clock_m, code_m, sigma_m, system, use)
+        position, clock, covariance, converged = result[0], result[1], result[2], result[6]
         if not converged:
-            return position, clock, covariance, False
-        worst, largest = _worst(h, residual, sigma, covariance, use)
-        if largest < _W_LIMIT:
-            return position, clock, covariance, True
-        use[worst] = False
-        spare -= 1
-        redundancy = np.sum(use) - 3 - np.unique(system[use]).size
-        if spare < 0 or redundancy < 1:
-            return position, clock, covariance, False
+            break
+        wrong, w, statistic, freedom, explained = _identify(
+            position, satellite_m, satellite_clock_m, code_m, sigma_m, system, observed
+        )  # fmt: skip
+        if np.array_equal(observed & ~wrong, use):
+            return position, clock, covariance, use, w, statistic, freedom, explained
+        use = observed & ~wrong
+    return position, clock, covariance, use, w, 0.0, 0, False
 
 
 @njit(cache=True)
@@ -180,16 +202,20 @@ def single_point(
     """Position from codes; None where it is impossible (too few satellites, no convergence, codes that disagree).
 
     ``satellite_m`` (n, 3) at transmission, Earth-fixed of that instant; ``satellite_clock_m`` (n,) offset times c;
-    ``code_m`` (n,) with biases added; ``sigma_m`` (n,) of the code at the zenith; rows with a NaN are not used.
+    ``code_m`` (n,) with biases added; ``sigma_m`` (n,) of the code at the zenith; rows with a NaN are not used. The
+    covariance is that of the sigmas, or of the residuals where these are larger (posterior variance factor).
     """
     use = np.isfinite(satellite_m[:, 0]) & np.isfinite(satellite_clock_m) & np.isfinite(code_m)
     start = np.zeros(3) if start_ecef_m is None else start_ecef_m
     if not use.any():
         return None
-    position, clock, covariance, solved = _position(
+    position, clock, covariance, use, w, statistic, freedom, solved = _position(
         start, satellite_m, satellite_clock_m, code_m, sigma_m, system, use
     )  # fmt: skip
     if not solved:
         return None
     pdop = float(_dilution(position, satellite_m, system, use))
-    return PointSolution(position, clock, covariance[:3, :3].copy(), use, pdop)
+    factor = max(1.0, statistic / freedom) if freedom > 0 else 1.0
+    return PointSolution(
+        position, clock, factor * covariance[:_AXES, :_AXES], use, pdop, w, float(statistic), int(freedom)
+    )

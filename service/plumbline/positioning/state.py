@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.estimation.dia_window import Window
+from plumbline.estimation.dia_window import Share, Window
 from plumbline.records import Floats
 from plumbline.signals import SATELLITES_PER_SYSTEM, System
 
@@ -90,16 +90,17 @@ class PppState:
     t_gps_ns: int | None = None  # of the last update
     t_last_epoch_ns: int | None = None  # of the last epoch, with or without an update
     x: Floats = field(default_factory=lambda: np.zeros(N_CORE))
-    p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))
+    p: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))  # that the gains are made of
+    errors: Floats = field(default_factory=lambda: np.zeros((N_CORE, N_CORE)))  # covariance of the errors they leave
     arcs: Records = field(default_factory=no_arcs)
     levels: Records = field(default_factory=no_levels)
     phase_jump_m: float = 0.0  # clock jumps that the receiver applied to the code alone, summed
     covariance_enu_m2: Floats | None = None  # (3, 3) of the position after the last update
     phase_scale: float = 1.0  # how large the phases' w-statistics usually are
     code_scale: float = 1.0  # … and the codes'
-    variance_factor: float = 1.0  # what a degree of freedom's share of the tests' statistic usually is
-    variance_count: int = 0  # epochs behind it
-    window: Window = field(default_factory=Window)  # the last epochs' statistics
+    share: Share = field(default_factory=Share)  # what a degree of freedom has of the tests' statistic
+    window: Window = field(default_factory=Window)  # the last epochs' statistics, over what is usual
+    window_share: Share = field(default_factory=Share)
     rejected_in_a_row: int = 0  # epochs that quality control refused
     reference_position_ecef_m: tuple[float, float, float] | None = None  # adopted where settings give none
     t_converged_gps_ns: int | None = None  # when the position first reached the accuracy asked for

@@ -41,8 +41,8 @@ def track(state: PppState, pairs: Records, sine_elevation: Floats, t_gps_ns: int
     for name in ("estimated", "refused", "doubted", "code_count", "t_residual_ns"):
         arcs[name][new] = 0
     arcs["code_weight_m2"][new] = 0.0
-    x, p = carry_over(state.x, state.p, previous)
-    state = replace(state, x=x, p=p, arcs=arcs, phase_jump_m=jump_m, t_last_epoch_ns=t_gps_ns)
+    x, p, q = carry_over(state.x, state.p, state.errors, previous)
+    state = replace(state, x=x, p=p, errors=q, arcs=arcs, phase_jump_m=jump_m, t_last_epoch_ns=t_gps_ns)
     return Tracked(state, arc_of_pair, int(np.count_nonzero(new)))
 
 

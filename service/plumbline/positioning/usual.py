@@ -9,12 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from plumbline.estimation.dia_window import add_epoch
+from plumbline.estimation.dia_window import add_epoch, add_share, equivalent
 from plumbline.positioning.control import Control
 from plumbline.positioning.state import PppState
 
 _SCALE_GAIN: Final = 0.05  # of single observations' usual size: a memory of 20 epochs
-_VARIANCE_MEMORY: Final = 500  # epochs of the variance factor
+_SHARE_MEMORY: Final = 100  # epochs of the variance factor and its spread
+_WINDOW_SHARE_MEMORY: Final = 1000  # … and of the window's
 _LARGEST_RATIO: Final = 4.0  # what an epoch's variance factor counts for at most, in usual ones
 _WINDOW_MEMORY: Final = 0.95  # the window's: 20 epochs
 
@@ -28,10 +29,14 @@ def remember(state: PppState, found: Control, degrees_of_freedom: int) -> PppSta
     )
     if degrees_of_freedom <= 0:
         return state
-    usual, count = state.variance_factor, min(state.variance_count + 1, _VARIANCE_MEMORY)
-    now = min(found.statistic_after / degrees_of_freedom, _LARGEST_RATIO * usual)
-    window = add_epoch(state.window, found.statistic_after / usual, degrees_of_freedom, _WINDOW_MEMORY)
-    return replace(state, variance_factor=usual + (now - usual) / (count + 1), variance_count=count, window=window)
+    window = add_epoch(state.window, found.statistic_after / state.share.mean, degrees_of_freedom, _WINDOW_MEMORY)
+    statistic, freedom = equivalent(window)
+    return replace(
+        state,
+        share=add_share(state.share, found.statistic_after / degrees_of_freedom, _SHARE_MEMORY, _LARGEST_RATIO),
+        window=window,
+        window_share=add_share(state.window_share, statistic / freedom, _WINDOW_SHARE_MEMORY, _LARGEST_RATIO),
+    )
 
 
 def _usual(usual: float, now: float) -> float:

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from plumbline.config import PositioningSettings
-from plumbline.estimation.dia_tables import global_critical, noncentrality, w_critical
+from plumbline.estimation.dia_tables import global_critical_of_ratio, noncentrality, w_critical
 from plumbline.estimation.dia_window import equivalent
 from plumbline.positioning.control import TAIL
 from plumbline.positioning.cycle_slip import BEGAN_GEOMETRY_FREE, BEGAN_REFUSED, BEGAN_TOLD
@@ -90,17 +90,18 @@ def _tests(state: PppState, found: EpochQuality, settings: PositioningSettings) 
     freedom = found.degrees_of_freedom
     freedom_after = max(freedom - int(np.count_nonzero(~found.used)), 0)
     window, window_freedom = equivalent(state.window)
-    factor = state.variance_factor
+    factor, excess = state.share.mean, state.share.excess(freedom_after)
+    window_excess = state.window_share.excess(window_freedom)
     return {
         "statistic": control.statistic / factor,
         "degrees_of_freedom": float(freedom),
-        "critical_value": global_critical(levels, freedom),
+        "critical_value": global_critical_of_ratio(levels, freedom, excess),
         "statistic_after": control.statistic_after / factor,
         "degrees_of_freedom_after": float(freedom_after),
-        "critical_value_after": global_critical(levels, freedom_after),
-        "window_statistic": window,
+        "critical_value_after": global_critical_of_ratio(levels, freedom_after, excess),
+        "window_statistic": window / state.window_share.mean,
         "window_degrees_of_freedom": window_freedom,
-        "window_critical_value": global_critical(levels, round(window_freedom)),
+        "window_critical_value": global_critical_of_ratio(levels, round(window_freedom), window_excess),
         "variance_factor": control.statistic_after / freedom_after if freedom_after else float("nan"),
         "usual_variance_factor": factor,
         "significance": levels.significance,

@@ -12,6 +12,7 @@ from plumbline.estimation.dia_tables import (
     Levels,
     alternative_critical,
     global_critical,
+    global_critical_of_ratio,
     missed_detection_factor,
     noncentrality,
     w_critical,
@@ -57,6 +58,17 @@ def test_the_tables_are_those_of_the_distributions() -> None:
     assert missed == pytest.approx(0.01, rel=1e-6)
     with pytest.raises(ConfigurationError):
         Levels(power=1.0)
+
+
+def test_a_ratio_that_varies_more_than_chi_square_has_the_critical_value_of_its_f_distribution() -> None:
+    """Oracle: draws of χ²(r)/r over a variance factor that is itself χ²(ν)/ν, of which only the spread is told."""
+    rng, r, spread, n = np.random.default_rng(31), 40, 30.0, 200_000
+    share = rng.chisquare(r, n) / r / (rng.chisquare(spread, n) / spread)
+    excess = share.var() / share.mean() ** 2 - 2.0 / r
+    alarms = share / share.mean() * r > global_critical_of_ratio(LEVELS, r, excess)
+    assert alarms.mean() == pytest.approx(LEVELS.significance, rel=0.05)
+    assert global_critical_of_ratio(LEVELS, r, 0.0) == global_critical(LEVELS, r)
+    assert global_critical_of_ratio(LEVELS, 0, 1.0) == np.inf
 
 
 def test_the_tableau_is_the_information_of_the_catalogue() -> None:

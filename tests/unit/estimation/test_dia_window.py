@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from plumbline.estimation.dia_window import Window, accumulate, add_epoch, carry_response, equivalent, respond
+from plumbline.estimation.dia_window import (
+    Share,
+    Window,
+    accumulate,
+    add_epoch,
+    add_share,
+    carry_response,
+    equivalent,
+    respond,
+)
 from plumbline.records import Floats
 
 N_EPOCHS = 60
@@ -84,3 +93,14 @@ def test_the_window_sums_are_chi_square_with_the_redundancies() -> None:
         exceeding += statistic > stats.chi2.ppf(0.95, freedom)
     assert exceeding / n == pytest.approx(0.05, abs=0.012)  # 3 sigma of the count, and the approximation
     assert equivalent(Window()) == (0.0, 0.0)
+
+
+def test_what_is_usual_of_shares_is_their_mean_and_spread() -> None:
+    """Oracle: mean and variance of the draws, NumPy; χ² shares have no excess; one wild share counts as four."""
+    rng, usual, r = np.random.default_rng(15), Share(), 30
+    for share in 1.7 * rng.chisquare(r, 20_000) / r:
+        usual = add_share(usual, float(share), 5_000, 4.0)
+    assert usual.mean == pytest.approx(1.7, rel=0.02)
+    assert usual.variance == pytest.approx(1.7**2 * 2.0 / r, rel=0.1)
+    assert usual.excess(r) < 0.01
+    assert add_share(Share(count=99), 1e6, 100, 4.0).mean == pytest.approx(1.0 + 3.0 / 101)

@@ -8,6 +8,7 @@ from plumbline.estimation.kalman import (
     innovation_covariance,
     lower_inverse,
     update_sequential,
+    update_with_errors,
     w_statistics,
     whiten,
 )
@@ -34,6 +35,26 @@ def test_sequential_update_is_the_batch_update(seed):
     np.testing.assert_allclose(x, expected_x, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(p, expected_p, rtol=1e-9, atol=1e-11)
     assert np.array_equal(p, p.T)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_errors_of_an_update_with_gains_of_another_covariance(seed):
+    """Oracle: (1 − K H) Q (1 − K H)ᵀ + K R Kᵀ of the batch, with the dense gain of P; Q = P gives P itself."""
+    x, p, h, r, v = _problem(seed)
+    q = _problem(seed + 10)[1]
+    use = np.arange(v.size) % 4 != 1
+    hu, ru = h[use], np.diag(r[use])
+    gain = p @ hu.T @ np.linalg.inv(hu @ p @ hu.T + ru)
+    left = np.eye(x.size) - gain @ hu
+    expected_q = left @ q @ left.T + gain @ ru @ gain.T
+    plain_x, plain_p, same = x.copy(), p.copy(), p.copy()
+    nis = update_sequential(plain_x, plain_p, h, r, v, use)
+    update_with_errors(x.copy(), p.copy(), same, h, r, v, use)
+    assert update_with_errors(x, p, q, h, r, v, use) == pytest.approx(nis)
+    np.testing.assert_array_equal(x, plain_x)
+    np.testing.assert_array_equal(p, plain_p)
+    np.testing.assert_allclose(q, expected_q, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(same, p, rtol=1e-9, atol=1e-11)
 
 
 def test_covariance_stays_positive_where_the_short_form_fails():

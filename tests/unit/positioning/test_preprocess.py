@@ -110,3 +110,11 @@ def test_biases_are_added():
     assert pair["code_m"] - plain["code_m"] == pytest.approx(alpha * 1.0 + (alpha - 1.0) * 2.0, abs=1e-6)
     assert pair["phase_m"] - plain["phase_m"] == pytest.approx(alpha * 0.1 - (alpha - 1.0) * 0.3, abs=1e-6)
     assert (pair["discontinuity_1"], pair["discontinuity_2"]) == (4, 5)
+
+
+@pytest.mark.parametrize(("name", "codes", "share"), [("E05", ("1C", "5Q"), 10.0), ("G05", ("1W", "2W"), 0.0)])
+def test_weak_signals_have_more_thermal_noise_unless_they_are_tracked_without_their_code(name, codes, share):
+    """Oracle: ten decibels below where thermal noise is as large as all other, ten times as much of it."""
+    epoch = _epoch([(name, code, True, True) for code in codes])
+    epoch = replace(epoch, cn0_db_hz=np.array([45.0, 26.0]))
+    assert _pairs(epoch)["thermal"][0] == pytest.approx(share)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from plumbline.constants import EARTH_ROTATION_RATE_RAD_S, SPEED_OF_LIGHT_M_S
 from plumbline.gnss.earth_frames import ecef_from_geodetic, rotation_enu_from_ecef
@@ -79,3 +80,29 @@ def test_dilution_is_numpys():
     line /= np.linalg.norm(line, axis=1)[:, None]
     design = np.hstack([line, (system[:, None] == [0, 2]).astype(float)])
     assert point.pdop == pytest.approx(np.sqrt(np.trace(np.linalg.inv(design.T @ design)[:3, :3])), rel=1e-4)
+
+
+def test_statistics_of_clean_codes_are_chi_square_and_wrong_ones_are_named():
+    """Oracle: χ² of the redundancy over draws; three errors at once, each named in nearly all draws, few others."""
+    _, satellite, code, system = _scene(PLACES[0], n=16)
+    rng, total, freedom, named, others = np.random.default_rng(8), 0.0, 0, 0, 0
+    line = single_point(satellite, np.zeros(16), code, np.ones(16), system)
+    for _ in range(150):
+        noisy = code + rng.normal(size=16) * _slant(satellite, line.position_ecef_m)
+        clean = single_point(satellite, np.zeros(16), noisy, np.ones(16), system)
+        total, freedom = total + clean.statistic, freedom + clean.degrees_of_freedom
+        wrong = rng.choice(16, 3, replace=False)
+        noisy[wrong] += rng.choice([-1.0, 1.0], 3) * rng.uniform(60.0, 300.0, 3)
+        found = single_point(satellite, np.zeros(16), noisy, np.ones(16), system)
+        if found is not None:
+            named += int((~found.used[wrong]).sum())
+            others += int((~found.used).sum() - (~found.used[wrong]).sum())
+    assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)
+    assert named > 0.97 * 450
+    assert others < 0.03 * 450
+
+
+def _slant(satellite, receiver):
+    """One over the sine of the elevation, over the geocentric horizon, as the sigmas grow."""
+    line = satellite - receiver
+    return np.linalg.norm(line, axis=1) * np.linalg.norm(receiver) / (line @ receiver)
