@@ -33,7 +33,7 @@ class Share(NamedTuple):
 
     mean: float = 1.0
     variance: float = 0.0
-    count: int = 0
+    epochs: int = 0
 
     def excess(self, degrees_of_freedom: float) -> float:
         """By how much shares, over their mean, vary more than χ²'s 2/r."""
@@ -42,10 +42,10 @@ class Share(NamedTuple):
 
 def add_share(usual: Share, share: float, memory: int, most: float) -> Share:
     """What is usual after an epoch's share; one larger than ``most`` usual ones counts as that."""
-    count = min(usual.count + 1, memory)
-    gain = 1.0 / (count + 1)
+    epochs = min(usual.epochs + 1, memory)
+    gain = 1.0 / (epochs + 1)
     step = min(share, most * usual.mean) - usual.mean
-    return Share(usual.mean + gain * step, (1.0 - gain) * (usual.variance + gain * step * step), count)
+    return Share(usual.mean + gain * step, (1.0 - gain) * (usual.variance + gain * step * step), epochs)
 
 
 def add_epoch(window: Window, statistic: float, degrees_of_freedom: int, memory: float) -> Window:

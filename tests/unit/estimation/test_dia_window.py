@@ -103,4 +103,4 @@ def test_what_is_usual_of_shares_is_their_mean_and_spread() -> None:
     assert usual.mean == pytest.approx(1.7, rel=0.02)
     assert usual.variance == pytest.approx(1.7**2 * 2.0 / r, rel=0.1)
     assert usual.excess(r) < 0.01
-    assert add_share(Share(count=99), 1e6, 100, 4.0).mean == pytest.approx(1.0 + 3.0 / 101)
+    assert add_share(Share(epochs=99), 1e6, 100, 4.0).mean == pytest.approx(1.0 + 3.0 / 101)
