@@ -149,14 +149,12 @@ def _statistic(table: Floats, misclosure: Floats, kind: Ints, out: Booleans, pha
 
 
 @njit(cache=True)
-def _limits(scene: Scene, phase_scale: float, may_move: bool, tuning: Tuning) -> Floats:
-    """Critical χ² value of each alternative: the tables', times its kind's usual size, and a weak phase's own."""
-    n = scene.kind.size
+def _limits(kind: Ints, phase_scale: float, may_move: bool, tuning: Tuning) -> Floats:
+    """Critical χ² value of each alternative: the tables', times its kind's usual size."""
+    n = kind.size
     limits = np.empty(n + (1 if may_move else 0))
     for i in range(n):
-        limits[i] = tuning.critical * TAIL**2
-        if scene.kind[i] % 2 == 1:
-            limits[i] *= phase_scale**2 * (1.0 + scene.pairs[scene.kind[i] // 2].thermal)
+        limits[i] = tuning.critical * (TAIL * (phase_scale if kind[i] % 2 == 1 else 1.0)) ** 2
     if may_move:
         limits[n] = tuning.critical_move * (TAIL * phase_scale) ** 2
     return limits
@@ -323,7 +321,7 @@ def _verdicts(scene, out, error, sigma, table):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _identified(table, starts, forced, scene, phase_scale, may_move, tuning):  # type: ignore[no-untyped-def]
     """Identification with the critical values of a scale; and the alternatives' columns adopted."""
-    limits = _limits(scene, phase_scale, may_move, tuning)
+    limits = _limits(scene.kind, phase_scale, may_move, tuning)
     found = dia.identify(table, starts, ~forced[: starts.size - 1], limits, max(2, scene.kind.size // 6))
     adopted = forced.copy()
     for g in found.order:

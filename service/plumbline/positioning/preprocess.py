@@ -55,7 +55,7 @@ PAIR_DTYPE: Final = np.dtype(
         ("wide_lane_cycles", np.float64),
         ("lock_time_s", np.float64),
         ("cn0_db_hz", np.float64),  # of the weaker signal
-        ("thermal", np.float64),  # thermal noise's share in the variances, against all other noise
+        ("thermal", np.float64),  # variance of the codes' thermal noise over that of all other
     ],
     align=True,
 )
@@ -99,7 +99,7 @@ def _tables() -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.int8], NDA
 
 
 SIGNAL_BAND, _RANK, _PAIRS, _CODELESS = _tables()
-_THERMAL_CN0_DB_HZ: Final = 36.0  # at which thermal noise is as large as all other
+_THERMAL_CN0_DB_HZ: Final = 33.0  # at which thermal noise is as large as all other
 _UNKNOWN_BIAS_RANK: Final = 40
 _GLONASS: Final = int(System.GLONASS)
 

@@ -116,5 +116,5 @@ def test_biases_are_added():
 def test_weak_signals_have_more_thermal_noise_unless_they_are_tracked_without_their_code(name, codes, share):
     """Oracle: ten decibels below where thermal noise is as large as all other, ten times as much of it."""
     epoch = _epoch([(name, code, True, True) for code in codes])
-    epoch = replace(epoch, cn0_db_hz=np.array([45.0, 26.0]))
+    epoch = replace(epoch, cn0_db_hz=np.array([45.0, 23.0]))
     assert _pairs(epoch)["thermal"][0] == pytest.approx(share)
