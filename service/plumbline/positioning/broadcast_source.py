@@ -18,7 +18,7 @@ from plumbline.gnss.satellite_states import StateStatus, broadcast_at_transmissi
 from plumbline.positioning.precise_source import REFERENCE_SIGNALS
 from plumbline.positioning.satellites import Cause, SatelliteStates, SignalBiases
 from plumbline.records import Floats, SatelliteIds, SignalIds
-from plumbline.signals import N_SIGNALS, signal_id
+from plumbline.signals import N_SIGNALS, SATELLITES_PER_SYSTEM, signal_id
 
 _BROADCAST_SIGMA_M: Final = 2.0  # orbit and clock along the line of sight; GLONASS and BeiDou up to twice that
 _SSR_SIGMA_FLOOR_M: Final = 0.03  # real-time orbits and clocks, whatever accuracy the service claims
@@ -88,7 +88,11 @@ class BroadcastSource:
     def biases(
         self, t_gps_ns: int, t_receive_ns: int, satellite: SatelliteIds, signal: SignalIds, *, precise: bool
     ) -> SignalBiases:
-        """With corrections: the service's biases, zero for the usual reference signals it is silent about."""
+        """With corrections: the service's biases.
+
+        Of a system without any, the usual reference signals' are zero; of one that has some, those of satellites that
+        the service is silent about are not known: its clocks may refer to other signals.
+        """
         n = satellite.size
         if not precise:
             return SignalBiases(
@@ -98,7 +102,9 @@ class BroadcastSource:
             )
         code = self._corrections.code_biases(satellite, signal, t_gps_ns, t_receive_ns, self._limits).bias_m
         phase = self._corrections.phase_biases(satellite, signal, t_gps_ns, t_receive_ns, self._limits)
-        code = np.where(np.isnan(code) & _IS_REFERENCE[signal], 0.0, code)
+        system = satellite // SATELLITES_PER_SYSTEM
+        silent = ~np.isin(system, system[np.isfinite(code)])
+        code = np.where(np.isnan(code) & silent & _IS_REFERENCE[signal], 0.0, code)
         return SignalBiases(code, phase.bias_m, phase.discontinuity)
 
     def _group_delays_m(self, t_gps_ns: int, t_receive_ns: int, satellite: SatelliteIds, signal: SignalIds) -> Floats:
