@@ -120,11 +120,6 @@ class Merger:
         """Whether anybody follows a station's stream."""
         return any(cursors for (_, stream), cursors in self._by_stream.items() if stream == station)
 
-    def clear(self) -> None:
-        """Forget every stream; the ingests stay known."""
-        for consumer in list(self._by_consumer):
-            self.unfollow(consumer)
-
     def consumed(self, station: str) -> dict[str, int]:
         """Archive → offset behind the last byte of a station's own stream that was released to it."""
         own = (c for c in self._by_consumer.get(station, ()) if c.station == station)
