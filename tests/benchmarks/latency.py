@@ -97,6 +97,8 @@ async def _latencies(ingest: int, bus_port: int, base: list[bytes], rover: list[
     writers = await _connect(ingest, b"base!"), await _connect(ingest, b"rover!")
     sent_s: dict[int, float] = {}
     for k in range(min(len(base), len(rover))):
+        while k == _WARM and _START_NS + (k - 1) * NS_PER_S not in arrived_s:  # noqa: ASYNC110 - read() fills it
+            await asyncio.sleep(0.1)  # the worker is still starting
         writers[0].write(base[k])
         await asyncio.sleep(_BASE_AHEAD_S)
         writers[1].write(rover[k])
@@ -131,7 +133,7 @@ def run() -> list[Row]:
                 if server.poll() is not None or time.monotonic() > deadline_s:
                     raise RuntimeError((folder / "log").read_text())
                 time.sleep(0.1)
-            found, satellites = asyncio.run(_latencies(*ports, base, rover))
+            found, satellites = asyncio.run(asyncio.wait_for(_latencies(*ports, base, rover), 300.0))
         finally:
             server.terminate()
             server.wait(60.0)
