@@ -11,7 +11,9 @@ import pytest
 from plumbline.config import FusionSettings
 from plumbline.files.seismic import Series, read_components
 from plumbline.fusion.offline import FusedSeries, fuse_series
-from plumbline.records import Floats
+from plumbline.gps_time import NS_PER_S
+from plumbline.quality.doubt import Watch, accelerometer_says, own_shows
+from plumbline.records import Floats, Solution, Status
 
 pytestmark = pytest.mark.realdata
 
@@ -98,3 +100,24 @@ def test_quality_control_takes_nothing_from_the_earthquake(recording: tuple[Seri
     off = fused(recording, DOCUMENTED_ROTATION_DEG, innovation_gate_sigma=1e6)
     np.testing.assert_array_equal(on.displacement_enu_m, off.displacement_enu_m)
     assert not any(name.startswith("motion_") for name in on.state.counters)
+
+
+def test_the_earthquake_is_not_doubted(recording: tuple[Series, Series]) -> None:
+    """The accelerometer felt it, with the wrong rotation, too; before it GNSS stood as in its first ten seconds."""
+    gnss = recording[0]
+    still = np.tile(gnss.values[:10], (15, 1))
+    times = gnss.t_gps_ns[0] - NS_PER_S * np.arange(len(still), 0, -1)
+    for rotation_deg in (DOCUMENTED_ROTATION_DEG, 0.0):
+        unfelt = {v.t_gps_ns: v for v in fused(recording, rotation_deg).innovations}
+        watch = Watch()
+        for t, displacement in zip([*times, *gnss.t_gps_ns], [*still, *gnss.values], strict=True):
+            solution = Solution("pedr", int(t), int(t), Status.PPP_FLOAT, "", displacement_enu_m=displacement)
+            watch = own_shows(watch, solution, {}, 0.5)
+            if int(t) in unfelt:
+                found = unfelt[int(t)]
+                watch = accelerometer_says(watch, int(t), found.innovation_enu_m, found.whitened)
+            assert not watch.open, (rotation_deg, watch.open)
+        assert watch.own.is_learnt
+        departure = watch.own.departure_at(int(gnss.t_gps_ns[-1]))
+        assert departure is not None
+        assert np.linalg.norm(departure) > 0.1
