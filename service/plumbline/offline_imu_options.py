@@ -16,6 +16,7 @@ from plumbline.files.imu import FORMATS
 
 _G: Final = STANDARD_GRAVITY_M_S2
 _OFFSET_SIGMA_S: Final = 0.2  # of a logger's stamps
+_LOGGER_SHEET: Final = "icm-45686"
 _AXES: Final = {"x": 0, "y": 1, "z": 2}
 
 #: Characteristics by name; sources as noted. Biases at switching on are what a sheet calls repeatability.
@@ -89,10 +90,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def inertial_settings(options: argparse.Namespace, *, of_a_logger: bool = False) -> InertialSettings:
     """Settings of the filters; raises ConfigurationError saying what is wrong.
 
-    A logger's stamps are not trusted, unless the options say so; those of a device of ours are.
+    A logger's stamps are not trusted, unless the options say so; those of a device of ours are. A logger's sensor is
+    taken for a common one where its characteristics are not given.
     """
     values: dict[str, object] = {"inertial_time_offset_sigma_s": _OFFSET_SIGMA_S} if of_a_logger else {}
-    values |= characteristics(options.imu_characteristics)
+    values |= characteristics(options.imu_characteristics or (_LOGGER_SHEET if of_a_logger else None))
     given = {
         "inertial_time_offset_s": options.imu_time_offset,
         "inertial_time_offset_sigma_s": options.imu_time_offset_sigma,

@@ -36,6 +36,7 @@ _TRY_EVERY_NS: Final = NS_PER_S // 2
 _REST_S: Final = 2.0  # at rest, at least so long
 _SLOW_M_S: Final = 0.1  # no travel
 _AVERAGE_S: Final = 10.0
+_LEAST_SAMPLES: Final = 50  # in that time
 _HEADING_SIGMA_RAD: Final = math.radians(3.0)  # good enough to begin with
 _COMPASS_SIGMA_RAD: Final = math.radians(3.0)
 _TILT_SIGMA_RAD: Final = 1e-4  # of levelling itself, beside the accelerometer's bias
@@ -107,20 +108,25 @@ def _rest(t_ns: Ints, samples: Floats, fixes: list[Fix], settings: InertialSetti
         force = np.average([w.mean_force_m_s2 for w in group], axis=0, weights=weights)
         rate = np.average([w.mean_rate_rad_s for w in group], axis=0, weights=weights)
         return Rest(group[0].t_gps_ns, float(weights.sum()), force, rate, True)
-    return _slow(t_ns, samples, fixes)
+    return _slow(t_ns, samples, fixes, settings)
 
 
-def _slow(t_ns: Ints, samples: Floats, fixes: list[Fix]) -> Rest | None:
-    """The mean of the last ten seconds, if GNSS saw no travel in them."""
-    if not fixes:
+def _slow(t_ns: Ints, samples: Floats, fixes: list[Fix], settings: InertialSettings) -> Rest | None:
+    """The mean of the last ten seconds in which GNSS saw no travel; what the stamps may be off is left out."""
+    seen = [f for f in fixes if f.velocity_enu_m_s is not None]
+    if not seen:
         return None
-    end_ns = fixes[-1].t_gps_ns
-    begin_ns = end_ns - round(_AVERAGE_S * NS_PER_S)
-    recent = [f for f in fixes if f.t_gps_ns >= begin_ns]
-    speeds = [np.linalg.norm(f.velocity_enu_m_s) for f in recent if f.velocity_enu_m_s is not None]
-    if t_ns[0] > begin_ns or len(speeds) < 3 or max(speeds) > _SLOW_M_S:
+    span_ns = round(_AVERAGE_S * NS_PER_S)
+    times = np.array([f.t_gps_ns for f in seen], np.int64)
+    travels = np.array([np.linalg.norm(f.velocity_enu_m_s) > _SLOW_M_S for f in seen])  # type: ignore[arg-type]
+    since_ns = np.maximum.accumulate(np.where(travels, times, max(times[0], t_ns[0]) - 1))
+    still = np.flatnonzero(times - since_ns > span_ns)
+    if not still.size:
         return None
-    part = samples[(t_ns >= begin_ns) & (t_ns <= end_ns)]
+    end_ns = int(times[still[-1]]) - round(_OFFSET_REACH * settings.inertial_time_offset_sigma_s * NS_PER_S)
+    part = samples[(t_ns >= end_ns - span_ns) & (t_ns <= end_ns)]
+    if len(part) < _LEAST_SAMPLES:
+        return None
     return Rest(end_ns, _AVERAGE_S, part[:, :3].mean(axis=0), part[:, 3:].mean(axis=0), False)
 
 
