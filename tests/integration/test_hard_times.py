@@ -134,10 +134,10 @@ def test_sixty_stations_through_a_restart_and_a_worker_that_comes_late(
 ) -> None:
     packets = recordings(data_dir)
     streams = dict.fromkeys(MANY, packets["rover"]) | {"ssr": packets["ssr"]}
-    n = 14
+    n = 40  # of four seconds each: ephemerides come every two minutes
 
     async def play(server: Any, begin: int, disturb: Callable[[], Any]) -> int:
-        sending = asyncio.create_task(send_until_killed(device, server.ingest_port, streams, begin, n, pause_s=1.0))
+        sending = asyncio.create_task(send_until_killed(device, server.ingest_port, streams, begin, n, pause_s=0.5))
         await asyncio.sleep(6.0)
         await asyncio.to_thread(disturb)
         return await sending
