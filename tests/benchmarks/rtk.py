@@ -28,6 +28,7 @@ from plumbline.positioning import rtk
 from plumbline.positioning.broadcast_source import BroadcastSource
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.rtk_state import BaseView
+from plumbline.quality.relative_report import relative_report
 from plumbline.records import Epoch, Status
 from plumbline_dtu.simulation.constellation import Constellation
 from plumbline_dtu.simulation.station import StationPlan, simulate_station
@@ -131,11 +132,13 @@ def _recorded() -> _Input | None:
     return _input("str-2018-195", rover, base, 1_215_648_000 * NS_PER_S, "GEJC", 1 + 8 + 16 + 32)
 
 
-def _ours(given: _Input) -> tuple[Callable[[], float], list[int]]:
-    """A measured run; the list gets the number of fixed epochs."""
+def _ours(given: _Input, quality_control: str = "on") -> tuple[Callable[[], float], list[int]]:
+    """A measured run, with the quality report where control is on; the list gets the number of fixed epochs."""
     settings = StationSettings(
         station="rover",
-        positioning=PositioningSettings(systems=given.systems, elevation_mask_deg=_MASK_DEG),
+        positioning=PositioningSettings(
+            systems=given.systems, elevation_mask_deg=_MASK_DEG, quality_control=quality_control
+        ),
         rtk=RtkSettings(),
     )
     source = BroadcastSource(given.books.ephemerides, given.books.corrections, settings.positioning)
@@ -148,7 +151,9 @@ def _ours(given: _Input) -> tuple[Callable[[], float], list[int]]:
             if k == 1:
                 begun = time.perf_counter()
             view = BaseView("base", base, given.base_position_ecef_m)
-            state, solution, _ = rtk.step(state, rover, view, source, settings, facts)
+            state, solution, seen = rtk.step(state, rover, view, source, settings, facts)
+            if seen is not None and quality_control == "on":
+                relative_report(solution, state, seen, settings)
             fixed[0] += solution.status is Status.RTK_FIXED
             fixed[1] = max(fixed[1], solution.n_satellites)
         return time.perf_counter() - begun
@@ -231,13 +236,16 @@ def run() -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for given in filter(None, (_simulated(folder), _recorded())):
-            ours, fixed = _ours(given)
-            peers, least = _theirs(given, folder), {"ours": float("inf")}
+            (ours, fixed), (without, _) = _ours(given), _ours(given, "off")
+            peers, least = _theirs(given, folder), {"ours": float("inf"), "without": float("inf")}
             for _ in range(REPEATS):
-                least["ours"] = min(least["ours"], ours())
+                least["ours"], least["without"] = min(least["ours"], ours()), min(least["without"], without())
                 for peer, (job, _) in peers.items():
                     least[peer] = min(least.get(peer, float("inf")), job())
             ours_ms = 1e3 * least["ours"] / (len(given.epochs) - 1)
+            without_ms = 1e3 * least["without"] / (len(given.epochs) - 1)
+            name_of_job = f"RTK {given.name}, quality control and report"
+            rows.append(time_row(name_of_job, "without", ours_ms, without_ms, "ms/epoch", target=0.7))
             for peer, (_, out) in peers.items():
                 theirs, count = _fixed(out)  # after the week crossing RTKLIB gives no more positions
                 print(f"{given.name}: fixed {fixed[0]}/{len(given.epochs)}, {peer} {theirs}/{count}", file=sys.stderr)

@@ -58,6 +58,15 @@ class Judged:
         )  # fmt: skip
 
     @property
+    def columns(self) -> tuple[Booleans, NDArray[np.int8], Floats]:
+        """Use, verdict and w of the test that left one out (else 0), of codes and phases, (2, n) each."""
+        shape = (2, self.code.size)
+        use, verdict, w = np.empty(shape, np.bool_), np.empty(shape, np.int8), np.empty(shape)
+        use[0], use[1], verdict[0], verdict[1] = self.use_code, self.use_phase, self.code, self.phase
+        w[0], w[1] = self.w_code, self.w_phase
+        return use, verdict, w
+
+    @property
     def left_out(self) -> int:
         """Observations that failed a test."""
         return int(np.count_nonzero(self.code) + np.count_nonzero(self.phase))
@@ -65,7 +74,7 @@ class Judged:
     @property
     def squares_left_out(self) -> float:
         """What they had added to the sum of squares, as far as they do not share it."""
-        return float(np.sum(self.w_code**2) + np.sum(self.w_phase**2))
+        return float(self.w_code @ self.w_code + self.w_phase @ self.w_phase)
 
     def test_held(self, rows: Records, arcs: Records, n_groups: int, limits: Limits) -> bool:
         """Test the phases of held integers against each other; whether they contradict each other altogether.

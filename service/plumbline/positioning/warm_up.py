@@ -9,7 +9,7 @@ from plumbline.config import PositioningSettings
 from plumbline.constants import SPEED_OF_LIGHT_M_S
 from plumbline.positioning.facts import StationFacts
 from plumbline.positioning.ppp import step
-from plumbline.positioning.rtk_warm_up import warm_up_relative
+from plumbline.positioning.rtk_warm_up import Relative, warm_up_relative
 from plumbline.positioning.satellites import Cause, SatelliteStates, SignalBiases
 from plumbline.positioning.state import initial_state
 from plumbline.records import Epoch, Floats, SatelliteIds, SignalIds
@@ -88,5 +88,11 @@ def warm_up() -> None:
     state = initial_state()
     for second in range(2):
         state, _ = step(state, _epoch(source, _T_NS + second * 1_000_000_000, second > 0), source, settings, facts)
+    relative()
+
+
+def relative() -> Relative:
+    """The last of three made-up epochs against a base."""
+    source = _StandingSatellites()
     epochs = [_epoch(source, _T_NS + second * 1_000_000_000, second > 0) for second in range(3)]
-    warm_up_relative(source, epochs, _RECEIVER_M)
+    return warm_up_relative(source, epochs, _RECEIVER_M)

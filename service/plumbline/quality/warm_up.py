@@ -4,6 +4,8 @@ import numpy as np
 
 from plumbline.estimation.dia_tables import Levels
 from plumbline.positioning.ppp_model import MODEL_DTYPE
+from plumbline.positioning.warm_up import relative
+from plumbline.quality.relative_report import relative_report
 from plumbline.quality.reliability import Integrity, factors, geometry, measures
 
 
@@ -16,3 +18,4 @@ def warm_up() -> None:
     geometry(rows["line"], np.zeros(n, np.int64), used, rotation)
     design, position_rows = np.ones((n, unknowns)), np.eye(3, unknowns)
     measures(ones, ones, used, design, ones, position_rows, rotation, factors(Levels(), Integrity()), ones)
+    relative_report(*relative())
