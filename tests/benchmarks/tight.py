@@ -39,7 +39,7 @@ def _arrivals(folder: Path) -> tuple[list[object], Platform, np.ndarray]:
     description = files.read_description(folder)
     settings = offline.settings_of(
         Mode.RTK, None, 0.0, "GC", 10.0, AntennaMotion.KINEMATIC, "off",
-        rtk={"base_stream": "base", "frequencies": 1, "phase_sigma_m": 0.006},
+        rtk={"base_stream": "base", "frequencies": 1, "phase_sigma_m": 0.003},
     )  # fmt: skip
     inertial = InertialSettings.model_validate(
         dict(SHEETS["atlans-c"]) | {"lever_arms_body_m": tuple(map(tuple, description["lever_arms_body_m"]))}

@@ -82,7 +82,7 @@ def test_fit_recovers_any_rotation_exactly() -> None:
         rotation = rotation_of_angles(*angles)
         np.testing.assert_allclose(angles_of_rotation(rotation), angles, atol=1e-12)
         arms = rng.normal(size=(3, 3))
-        found, _, cost = fit_attitude(arms @ rotation.T, [np.eye(3) * 1e-6] * 3, arms, False)
+        found, _, cost = fit_attitude(arms @ rotation.T, [np.eye(3) * 1e-6] * 3, arms, None)
         np.testing.assert_allclose(found, rotation, atol=1e-9)
         assert cost < 1e-9
 

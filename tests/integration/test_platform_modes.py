@@ -124,7 +124,7 @@ def off_truth_m(folder: Path, outputs: list[Output]) -> Floats:
     )
     place = np.concatenate([b.displacement_enu_m[:, :2] for b in blocks])
     error = place - np.column_stack([np.interp(t_s, truth[:, 0], truth[:, k]) for k in (2, 3)])
-    late = t_s > t_s[0] + 2.0
+    late = t_s > t_s[0] + 4.0  # integers are held once they have been the same for a second
     return np.asarray(error[late] - error[late].mean(axis=0))
 
 
@@ -134,7 +134,7 @@ def test_tight_on_one_connection(folder: Path) -> None:
     assert len(found) == 400  # every epoch has a row
     assert all(s.reason for s in found if not s.status.has_position)
     fixed = [s for s in found if s.status is Status.RTK_FIXED]
-    assert len(fixed) > 280
+    assert len(fixed) > 260
     errors_deg = np.degrees([s.attitude_rad for s in fixed[-100:]]) - ANGLES
     assert (np.abs(errors_deg.mean(axis=0)) < [0.1, 0.1, 0.2]).all()
     blocks = motions(outputs)

@@ -16,7 +16,7 @@ from plumbline.evaluation.shake_table import SCHEMES, Series, Truth, mean_of, se
 from plumbline.records import Status
 
 AVERAGED: Final = {"G123": ("G1", "G2", "G3")}  # not processed: the average of others
-PHASE_SIGMA_M: Final = "0.006"  # what an operator would set on a platform beside walls: multipath, not noise
+PHASE_SIGMA_M: Final = "0.003"  # what an operator would set on a platform beside walls: multipath, not noise
 _NOT_FIXED: Final = frozenset(map(str, (Status.RTK_FLOAT, Status.CONVERGING, Status.SINGLE_POINT)))
 _NS_PER_MS: Final = 1_000_000
 

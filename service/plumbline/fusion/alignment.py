@@ -1,10 +1,9 @@
-"""Initial attitude: levelling, gyro-compassing, heading from common motion with GNSS, attitude from antennas.
+"""Initial attitude: levelling, gyro-compassing, heading from common motion with GNSS.
 
 At rest the specific force points up, so its mean gives pitch and roll; the mean rate, less the gyroscope's bias, is the
 Earth's, whose horizontal part points north. Where the gyroscope is too coarse for that, the heading is the angle that
 turns the velocity changes of a levelled, gyro-stabilised platform into those that GNSS saw (no assumption on which axis
-points forward). Antennas give the attitude that turns their lever arms into their baselines (Wahba 1965, solved by
-singular values: Markley 1988).
+points forward).
 """
 
 import math
@@ -13,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from plumbline.errors import ContractError
 from plumbline.fusion.inertial_run import sample_at
 from plumbline.fusion.rotations import angles_from_rotation, multiply, rotation_enu_from_angles, rotation_exp, turned
 from plumbline.fusion.strapdown import earth_rate_local_rad_s
@@ -105,26 +103,6 @@ def heading_from_motion(level_change_m_s: Floats, enu_change_m_s: Floats, interv
     turn = product / abs(product)
     left = float(np.sum(np.abs(gnss - turn * inertial) ** 2))
     return -math.atan2(turn.imag, turn.real), math.sqrt(0.5 * left / (len(inertial) - 2) / power)
-
-
-def attitude_from_antennas(
-    lever_arms_body_m: Floats, baselines_enu_m: Floats, force_body_m_s2: Floats | None = None
-) -> Floats:
-    """Rotation (3, 3), ENU from body, that best turns body vectors (k, 3) into baselines (k, 3).
-
-    Two directions are needed: with one baseline, the mean specific force (3,) at rest gives the other. Raises
-    ContractError where the directions are one.
-    """
-    body, enu = [*lever_arms_body_m], [*baselines_enu_m]
-    if force_body_m_s2 is not None:
-        length = max(float(np.linalg.norm(arm)) for arm in body)
-        body.append(force_body_m_s2 / np.linalg.norm(force_body_m_s2) * length)
-        enu.append(np.array([0.0, 0.0, length]))
-    u, singular, vt = np.linalg.svd(np.array(enu).T @ np.array(body))
-    if singular[1] < 1e-6 * singular[0]:
-        raise ContractError("an attitude wants two directions")
-    rotation: Floats = u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
-    return rotation
 
 
 def describe(alignment: Alignment) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from plumbline.fusion.tight_observations import TightEpoch
 from plumbline.gps_time import NS_PER_S
@@ -34,6 +35,16 @@ FIRST_SIGMA_CYCLES: Final = 300.0
 
 
 @dataclass(frozen=True, slots=True)
+class Pending:
+    """Integers found, the same at ``count`` epochs since ``t_since_gps_ns``."""
+
+    key: Ints  # (k,) of the arcs, sorted
+    integer: Ints  # (k,)
+    t_since_gps_ns: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class TightExtra:
     """What goes with the navigation state. ``arcs`` are sorted by key; their states follow the 15 in that order."""
 
@@ -43,8 +54,12 @@ class TightExtra:
     doubts: int = 0  # epochs in a row in which most integers did not fit
     n_satellites: int = 0
     n_rows: int = 0  # single differences used
-    nis: float = np.nan  # of the last epoch's differences
+    nis: float = np.nan  # normalised innovation squared of the last epoch's differences
     degrees: int = 0
+    t_fixed_gps_ns: int | None = None  # when the position last rested on integers
+    pending: Pending | None = None  # integers that wait for confirmation
+    t_checked_gps_ns: int = 0  # when the integers held were last compared with a search that knows nothing of them
+    contradictions: int = 0  # such searches in a row that spoke against them
 
 
 def without(p: Floats, arcs: Records, drop: Booleans) -> tuple[Floats, Records]:
@@ -55,27 +70,53 @@ def without(p: Floats, arcs: Records, drop: Booleans) -> tuple[Floats, Records]:
     return np.ascontiguousarray(p[np.ix_(keep, keep)]), arcs[~drop]
 
 
-def matched(arcs: Records, key: Ints) -> Ints:
-    """Index (m,) of each row's arc, −1 where it has none."""
-    at = np.searchsorted(arcs["key"], key)
-    found = np.zeros(key.size, np.bool_)
-    inside = at < arcs.size
-    found[inside] = arcs["key"][at[inside]] == key[inside]
-    return np.where(found, at, -1)
+@njit(cache=True)
+def matched(known: Ints, key: Ints) -> Ints:
+    """Index (m,) of each key among sorted ``known`` ones, −1 where it is not."""
+    at = np.searchsorted(known, key)
+    for i in range(key.size):
+        if at[i] == known.size or known[at[i]] != key[i]:
+            at[i] = -1
+    return at
 
 
 def ended(arcs: Records, epoch: TightEpoch) -> Booleans:
     """Arcs (k,) that are over: lock was lost, they are long gone, or they did not fit again and again."""
-    over: Booleans = (arcs["t_last_ns"] < epoch.t_gps_ns - MAX_GAP_NS) | (arcs["refused"] >= REFUSED_LIMIT)
-    at = matched(arcs, epoch.key)
-    seen = at >= 0
-    index = at[seen]
-    since_s = (epoch.t_gps_ns - arcs["t_last_ns"][index]) / NS_PER_S
-    now, then = epoch.lock_time_s[seen], arcs["lock_time_s"][index]
-    with np.errstate(invalid="ignore"):
-        relocked = (now < then) & (now < since_s) | ((now < 0.5 * then) & (now < then - 1.0))
-    over[index] |= epoch.lost_lock[seen] | relocked
+    over: Booleans = _ended(arcs, matched(arcs["key"], epoch.key), epoch.lost_lock, epoch.lock_time_s, epoch.t_gps_ns)
     return over
+
+
+@njit(cache=True)
+def _ended(arcs, at, lost_lock, lock_time_s, t_gps_ns):  # type: ignore[no-untyped-def]
+    over = np.zeros(arcs.size, np.bool_)
+    for k in range(arcs.size):
+        over[k] = arcs[k].t_last_ns < t_gps_ns - MAX_GAP_NS or arcs[k].refused >= REFUSED_LIMIT
+    for i in range(at.size):
+        if at[i] >= 0:
+            arc, now = arcs[at[i]], lock_time_s[i]
+            since_s, then = (t_gps_ns - arc.t_last_ns) * 1e-9, arc.lock_time_s
+            relocked = (now < then and now < since_s) or (now < 0.5 * then and now < then - 1.0)
+            over[at[i]] |= lost_lock[i] or relocked
+    return over
+
+
+@njit(cache=True)
+def noted(arcs, at, used, there, lock_time_s, t_gps_ns):  # type: ignore[no-untyped-def]
+    """Write an epoch into the arcs, in place; returns the share of the held ones that were refused."""
+    held, off = 0, 0
+    for i in range(at.size):
+        arc = arcs[at[i]]
+        if used[i]:
+            arc.count += 1
+            arc.refused = 0
+        elif there[i]:
+            arc.refused += 1
+        arc.t_last_ns = t_gps_ns
+        arc.lock_time_s = lock_time_s[i]
+        if arc.held:
+            held += 1
+            off += 0 if used[i] else 1
+    return off / max(held, 1)
 
 
 def begun(p: Floats, arcs: Records, epoch: TightEpoch, cycles: Floats) -> tuple[Floats, Records]:
@@ -84,7 +125,7 @@ def begun(p: Floats, arcs: Records, epoch: TightEpoch, cycles: Floats) -> tuple[
     ``cycles`` (m,): each row's innovation in cycles, the receiver clock still in it. In a group where no arc is known,
     the highest row becomes the datum, held; the others become states at the whole cycles that the innovations say.
     """
-    new = (matched(arcs, epoch.key) < 0) & np.isfinite(cycles)
+    new = (matched(arcs["key"], epoch.key) < 0) & np.isfinite(cycles)
     if not new.any():
         return p, arcs
     rows = np.zeros(int(new.sum()), ARC_DTYPE)
@@ -119,7 +160,7 @@ def begun(p: Floats, arcs: Records, epoch: TightEpoch, cycles: Floats) -> tuple[
 
 def _offset(arcs: Records, epoch: TightEpoch, cycles: Floats, group: int) -> float | None:
     """Cycles of the receiver clock in a group, from the arcs already known; None where there are none at hand."""
-    at = matched(arcs, epoch.key)
+    at = matched(arcs["key"], epoch.key)
     rows = (epoch.group == group) & (at >= 0) & np.isfinite(cycles)
     if not rows.any():
         return None

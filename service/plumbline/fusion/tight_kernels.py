@@ -11,8 +11,8 @@ with e the unit vector to the satellite. By the error state of :mod:`plumbline.f
     ∂ż/∂δv = −eᵀ     ∂ż/∂ψ = eᵀ ([(C (ω × l_i))×] − [ω_ie×] [(C l_i)×])     ∂ż/∂δb_g = −eᵀ C [l_i×]
 
 (Dai's eqs 8 and 11 vary the Earth-rate term as if it were turned with the body: [ω_ie×] acts on the turned lever arm.)
-Clocks go with the difference to a reference row of the same group; the covariance of those differences holds what rows
-share: their reference, and the base's measurement.
+Clocks are eliminated within their group, which is what differences between satellites do; the covariance holds what
+rows share: the base's measurement.
 """
 
 import numpy as np
@@ -66,109 +66,95 @@ def design(
 
 
 @njit(cache=True)
-def references(group: Ints, sine: Floats, use: Booleans, held: Booleans) -> Ints:
-    """Reference row (m,) of each row: the highest of its group, held ones first; −1 for rows not used."""
-    m = group.size
-    out = np.full(m, -1, np.int64)
-    for i in range(m):
-        if not use[i]:
-            continue
-        best, best_score = -1, -1.0
-        for j in range(m):
-            if use[j] and group[j] == group[i]:
-                score = sine[j] + (2.0 if held[j] else 0.0)
-                if score > best_score:
-                    best, best_score = j, score
-        out[i] = best
-    return out
+def _members(link: Ints, use: Booleans, first: int, out: Ints) -> int:
+    """Fill in the used rows from ``first`` on that share its link; returns how many."""
+    n = 0
+    for j in range(first, link.size):
+        if use[j] and link[j] == link[first]:
+            out[n] = j
+            n += 1
+    return n
 
 
 @njit(cache=True)
-def differences(
-    h: Floats, v: Floats, reference: Ints, variance: Floats, link: Ints, share: float
-) -> tuple[Floats, Floats, Floats]:
-    """Differences to the reference rows: design (d, n), innovations (d,) and their covariance (d, d).
+def weighed(m: Floats, variance: Floats, link: Ints, group: Ints, use: Booleans, share: float) -> tuple[Floats, int]:
+    """``W m`` (rows, k) of the rows used, W the inverse covariance of single differences without their group's clock.
 
-    ``variance`` (m,) of the single differences, of which ``share`` is common to rows of one ``link``.
+    ``variance`` (rows,), of which ``share`` is common to rows of one ``link`` (the base's measurement): in a link of k
+    rows the inverse covariance is ``1/d_i δ_ij − w_i w_j / (1 + k r)`` with ``d = (1 − share) variance``, ``r = share /
+    (1 − share)``, ``w_i = √(share variance_i) / d_i`` (Sherman & Morrison). Clocks are free parameters: eliminating
+    them is double differencing with its full covariance, whatever the reference. Second: degrees of freedom left.
     """
-    m, n = h.shape
-    rows = np.empty(m, np.int64)
-    d = 0
-    for i in range(m):
-        if reference[i] >= 0 and reference[i] != i:
-            rows[d] = i
-            d += 1
-    out_h, out_v, r = np.empty((d, n)), np.empty(d), np.empty((d, d))
-    root = np.sqrt(share * variance)  # covariance of rows of one link: the product of two
-    for a in range(d):
-        i, ri = rows[a], reference[rows[a]]
-        for k in range(n):
-            out_h[a, k] = h[i, k] - h[ri, k]
-        out_v[a] = v[i] - v[ri]
-        for b in range(a + 1):
-            j, rj = rows[b], reference[rows[b]]
-            total = 0.0
-            if link[i] == link[j]:
-                total += variance[i] if i == j else root[i] * root[j]
-            if link[i] == link[rj]:
-                total -= root[i] * root[rj]
-            if link[ri] == link[j]:
-                total -= root[ri] * root[j]
-            if link[ri] == link[rj]:
-                total += variance[ri] if ri == rj else root[ri] * root[rj]
-            r[a, b] = total
-            r[b, a] = total
-    return out_h, out_v, r
+    rows, columns = m.shape
+    groups = np.unique(group[use])
+    slot, g = np.searchsorted(groups, group), groups.size
+    out, weight = np.zeros((rows, columns)), np.zeros((rows, g))
+    inverse = 1.0 / ((1.0 - share) * variance)
+    w = np.sqrt(share * variance) * inverse
+    done, members, n_used = np.zeros(rows, np.bool_), np.empty(rows, np.int64), 0
+    for i in range(rows):
+        if not use[i] or done[i]:
+            continue
+        k = _members(link, use, i, members)
+        n_used += k
+        damp = 1.0 / (1.0 + k * share / (1.0 - share))
+        total, total_weight = np.zeros(columns), np.zeros(g)
+        for j in members[:k]:
+            done[j] = True
+            total += w[j] * m[j]
+            total_weight[slot[j]] += w[j]
+        for j in members[:k]:
+            out[j] = inverse[j] * m[j] - damp * w[j] * total
+            weight[j] = -damp * w[j] * total_weight
+            weight[j, slot[j]] += inverse[j]
+    if g > 0:
+        clock, clock_m = np.zeros((g, g)), np.zeros((g, columns))
+        for i in range(rows):
+            if use[i]:
+                clock[slot[i]] += weight[i]
+                clock_m[slot[i]] += out[i]
+        out -= weight @ np.linalg.solve(clock, clock_m)
+    return out, n_used - g
 
 
 @njit(cache=True)
-def whitened(h: Floats, v: Floats, r: Floats) -> tuple[Floats, Floats, bool]:
-    """``l⁻¹ h``, ``l⁻¹ v`` with ``r = l lᵀ``; False where ``r`` is not positive definite."""
-    d, n = h.shape
-    factor = np.zeros((d, d))
-    for j in range(d):
-        pivot = r[j, j]
-        for k in range(j):
-            pivot -= factor[j, k] * factor[j, k]
-        if not pivot > 0.0:
-            return h, v, False
-        root = np.sqrt(pivot)
-        factor[j, j] = root
-        for i in range(j + 1, d):
-            total = r[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            factor[i, j] = total / root
-    out_h, out_v = h.copy(), v.copy()
-    for i in range(d):
-        for k in range(i):
-            f = factor[i, k]
-            if f != 0.0:
-                for c in range(n):
-                    out_h[i, c] -= f * out_h[k, c]
-                out_v[i] -= f * out_v[k]
-        inverse = 1.0 / factor[i, i]
-        for c in range(n):
-            out_h[i, c] *= inverse
-        out_v[i] *= inverse
-    return out_h, out_v, True
+def informed(p: Floats, information: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Estimate (n,) and covariance (n, n) after observations of normal equations ``information x = right``.
 
-
-@njit(cache=True)
-def informed(p: Floats, h: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Estimate (n,) and covariance (n, n) after whitened observations ``v = h x + noise`` of unit variance.
-
-    ``p (1 + hᵀ h p)⁻¹`` in Joseph's form, with the d observations compressed to n by a triangular factor of ``hᵀ h``
-    (their sufficient statistic): much less work than one by one when d is several times n.
+    ``p (1 + information p)⁻¹`` in Joseph's form.
     """
     n = p.shape[0]
-    information, right = h.T @ h, h.T @ v
     gain = np.linalg.solve(np.eye(n) + information @ p, np.eye(n)).T @ p  # p (1 + information p)⁻¹, transposed twice
     gain = 0.5 * (gain + gain.T)
     x = gain @ right
     keep = np.eye(n) - gain @ information
     updated = keep @ p @ keep.T + gain @ information @ gain
     return x, 0.5 * (updated + updated.T)
+
+
+@njit(cache=True)
+def normal_equations(
+    h: Floats, v: Floats, variance: Floats, link: Ints, group: Ints, use: Booleans, share: float,
+    column: Ints, wavelength_m: Floats, n: int,
+) -> tuple[Floats, Floats, float, int]:  # fmt: skip
+    """Normal matrix (n, n), right side (n,), squared norm and degrees of freedom of one kind of observation.
+
+    ``h`` (rows, 15); row i has its ambiguity, cycles, at state ``column[i]`` (−1: it is held); ``v`` (rows,).
+    """
+    rows = v.size
+    m = np.zeros((rows, n + 1))
+    for i in range(rows):
+        if use[i]:
+            m[i, :15] = h[i]
+            if column[i] >= 0:
+                m[i, column[i]] = wavelength_m[i]
+            j = 0
+            while not (use[j] and group[j] == group[i]):
+                j += 1
+            m[i, n] = v[i] - v[j]  # most of the clock, which would cost digits
+    w, degrees = weighed(m, variance, link, group, use, share)
+    full = m.T @ w
+    return full[:n, :n].copy(), full[:n, n].copy(), full[n, n], degrees
 
 
 @njit(cache=True)
@@ -194,3 +180,24 @@ def group_medians(group: Ints, v: Floats, use: Booleans) -> Floats:
                 if group[j] == group[i]:
                     out[j] = middle
     return out
+
+
+@njit(cache=True)
+def fitting(
+    p: Floats, h: Floats, phase: Floats, held: Booleans, group: Ints, variance: Floats, most: Floats, gate_sigma: float
+) -> Booleans:
+    """Rows (m,) whose phase innovation is near the median of the held ones of its group; rows not held all are.
+
+    Near is ``gate_sigma`` of what ``p`` (15, 15) and ``variance`` (m,) lead to expect, and ``most`` (m,) m.
+    """
+    m = phase.size
+    there = np.isfinite(phase)
+    middle = group_medians(group, phase, held & there)
+    for i in range(m):
+        if held[i] and there[i] and not np.isnan(middle[i]):
+            expected = variance[i]
+            for j in range(15):
+                for k in range(15):
+                    expected += h[i, j] * p[j, k] * h[i, k]
+            there[i] = abs(phase[i] - middle[i]) <= min(gate_sigma * np.sqrt(expected), most[i])
+    return there

@@ -6,7 +6,7 @@ share the base's measurement of a satellite share its noise. Differences between
 where a row's reference is chosen among those at hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -60,20 +60,18 @@ def tight_epoch(
     origin_ecef_m: Floats,
     source: SatelliteSource,
     settings: StationSettings,
+    rows_of: "RowsOfAntenna | None" = None,
 ) -> TightEpoch | None:
     """Rows of a platform's antennas, one epoch each or None, against the base; None where there are none.
 
     ``origin_ecef_m`` (antennas, 3): where the antennas are, to some ten metres. Settings: systems, mask, and of ``rtk``
-    frequencies and noise.
+    frequencies and noise. ``rows_of`` takes the place of :func:`antenna_rows` where rows can be had for less.
     """
     parts = []
-    wanted = settings.positioning.systems
-    base = select_rows(base, wanted)
+    model = rows_of or antenna_rows
     for number, epoch in enumerate(epochs):
         if epoch is not None:
-            rows = _rows(
-                select_rows(epoch, wanted), base, base_position_ecef_m, origin_ecef_m[number], source, settings
-            )
+            rows = model(epoch, base, base_position_ecef_m, origin_ecef_m[number], source, settings)
             if rows.size:
                 parts.append((number, epoch.t_gps_ns, rows))
     if not parts:
@@ -83,11 +81,15 @@ def tight_epoch(
     return _epoch_of(parts[0][1], rows, antenna, origin_ecef_m)
 
 
-def _rows(
+RowsOfAntenna = Callable[[Epoch, Epoch, Floats, Floats, SatelliteSource, StationSettings], Records]
+
+
+def antenna_rows(
     epoch: Epoch, base: Epoch, base_position: Floats, origin: Floats, source: SatelliteSource, settings: StationSettings
 ) -> Records:
     """Modelled rows of one antenna that have a weight for their phase."""
     rtk: RtkSettings = settings.rtk
+    epoch, base = (select_rows(one, settings.positioning.systems) for one in (epoch, base))
     rows = single_difference_rows(epoch, base, rtk.frequencies)
     if not rows.size:
         return rows

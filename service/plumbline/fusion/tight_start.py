@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from plumbline.config import InertialSettings
-from plumbline.fusion.alignment import Alignment, attitude_from_antennas, gyro_compass, level, with_heading
+from plumbline.fusion.alignment import Alignment, gyro_compass, level, with_heading
 from plumbline.fusion.loose_start import first_covariance
 from plumbline.fusion.rotations import angle_partials
 from plumbline.fusion.strapdown import earth_rate_local_rad_s
@@ -17,7 +17,7 @@ from plumbline.gnss.earth_frames import geodetic_from_ecef, rotation_enu_from_ec
 from plumbline.records import Floats
 
 _TILT_SIGMA_RAD: Final = 1e-4  # of levelling itself, beside the accelerometer's bias
-_ANTENNA_SIGMA_M: Final = 0.004  # of a baseline between antennas, integers known
+_ANTENNA_SIGMA_M: Final = 0.01  # of a baseline between antennas, integers known: multipath of both
 
 
 def align_at_rest(
@@ -35,21 +35,34 @@ def align_at_rest(
         noise = settings.gyroscope_noise_rad_s_sqrt_hz / math.sqrt(span_s)
         rate_sigma = math.hypot(settings.initial_gyroscope_bias_sigma_rad_s, noise)
         heading, sigma = gyro_compass(rotation, rate_body_rad_s, latitude_rad, rate_sigma)
-    attitude = with_heading(rotation, heading)
+    return _levelled(rotation, heading, sigma, span_s, settings)
+
+
+def align_by_antennas(
+    baselines_enu_m: Floats, arms_body_m: Floats, force_body_m_s2: Floats, span_s: float, settings: InertialSettings
+) -> Alignment:
+    """Attitude from the mean specific force (3,) at rest and the heading of baselines, integers known.
+
+    ``baselines_enu_m`` (k, 3) primary → auxiliaries, ``arms_body_m`` (k, 3) the same in body axes. The accelerometer
+    levels to hundredths of a degree, a metre between antennas among reflections to half a degree: of the antennas only
+    the heading is taken, that turns the levelled arms into the baselines (least squares in the plane).
+    """
+    rotation = level(force_body_m_s2)
+    arms = arms_body_m @ rotation.T
+    across = float(np.sum(arms[:, 1] * baselines_enu_m[:, 0] - arms[:, 0] * baselines_enu_m[:, 1]))
+    along = float(np.sum(arms[:, :2] * baselines_enu_m[:, :2]))
+    sigma = _ANTENNA_SIGMA_M / math.sqrt(float(np.sum(arms[:, :2] ** 2)) + 1e-12)
+    return _levelled(rotation, math.atan2(across, along), max(sigma, 1e-4), span_s, settings)
+
+
+def _levelled(
+    rotation_level: Floats, heading_rad: float, heading_sigma_rad: float, span_s: float, settings: InertialSettings
+) -> Alignment:
+    """The level rotation (3, 3) with a heading, and what it is worth beside the accelerometer's bias."""
+    attitude = with_heading(rotation_level, heading_rad)
     noise = settings.accelerometer_noise_m_s2_sqrt_hz / math.sqrt(span_s) / 9.8
     tilt = math.hypot(_TILT_SIGMA_RAD, noise)
-    return Alignment(attitude, np.array([tilt, tilt, sigma]), attitude)
-
-
-def align_by_antennas(baselines_enu_m: Floats, arms_body_m: Floats, force_body_m_s2: Floats | None) -> Alignment:
-    """Attitude from baselines (k, 3) primary → auxiliaries, resolved, and the same lever arms (k, 3) in body axes.
-
-    With one baseline the mean specific force (3,) at rest gives the rotation about it.
-    """
-    rotation = attitude_from_antennas(arms_body_m, baselines_enu_m, force_body_m_s2 if len(arms_body_m) == 1 else None)
-    longest = float(np.linalg.norm(arms_body_m, axis=1).max())
-    sigma = 2.0 * _ANTENNA_SIGMA_M / longest
-    return Alignment(rotation, np.full(3, sigma), None)
+    return Alignment(attitude, np.array([tilt, tilt, heading_sigma_rad]), attitude)
 
 
 def first_tight_node(

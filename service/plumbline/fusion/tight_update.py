@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 
 from plumbline.config import InertialSettings, RtkSettings
-from plumbline.estimation.ambiguity import resolve
 from plumbline.fusion.error_model import feed_back
 from plumbline.fusion.strapdown import ERROR_SIZE
-from plumbline.fusion.tight_arcs import TightExtra, begun, ended, matched, without
-from plumbline.fusion.tight_kernels import design, differences, group_medians, informed, references, whitened
+from plumbline.fusion.tight_arcs import TightExtra, begun, ended, matched, noted, without
+from plumbline.fusion.tight_fix import conditioned, confirm, find, is_confirmed, speaks_against, wandered
+from plumbline.fusion.tight_kernels import design, fitting, group_medians, informed, normal_equations
 from plumbline.fusion.tight_observations import SIGNAL_KEY, TightEpoch, base_share
 from plumbline.fusion.timeline import Node
 from plumbline.gps_time import NS_PER_S
@@ -19,95 +19,115 @@ from plumbline.records import Booleans, Floats, Ints, Status
 
 TightNode = Node[TightExtra]
 
+_CHI2_MEDIAN: Final = 0.4549  # of one degree of freedom
 _LEAST_ROWS: Final = 4
 _DOUBT_SHARE: Final = 0.4  # of the held phases that do not fit
+_DOUBT_NIS: Final = 9.0  # of the held phases, a degree of freedom: three sigma all together
 _DOUBT_LIMIT: Final = 10
 _RESET_SIGMA_M: Final = 3.0
-_MOST_SETS: Final = 6  # of ambiguities tried at an epoch
+_FLOAT_SIGMA_M: Final = 0.1  # three-dimensional: a position less certain, without integers, is no displacement yet
 _SLIP_CYCLES: Final = 0.4  # off by so much, a held phase is refused however unsure the prediction is
+_CODE_MEMORY_S: Final = 60.0  # a resting antenna's code multipath lasts minutes: averaging epochs does not remove it
+_CHECK_NS: Final = 10 * NS_PER_S
+_CHECK_FAILURE_SHARE: Final = 1e-3  # of the failure rate asked for: a search against what is held has to be surer
+_CONTRADICTIONS: Final = 2
 
 
 def update_epoch(
     node: TightNode, epoch: TightEpoch, rate_rad_s: Floats, settings: InertialSettings, rtk: RtkSettings
 ) -> TightNode:
     """The node after an epoch: ambiguities begun and ended, phases, range rates and (while some are unknown) codes."""
+    done, doubted = _updated(node, epoch, rate_rad_s, settings, rtk)
+    if doubted:
+        return _begin_again(node, node.extra)
+    if not _all_held(done.extra.arcs, epoch) or epoch.t_gps_ns - done.extra.t_checked_gps_ns < _CHECK_NS:
+        return done
+    return _checked(done, epoch, rate_rad_s, settings, rtk)
+
+
+def _updated(
+    node: TightNode, epoch: TightEpoch, rate_rad_s: Floats, settings: InertialSettings, rtk: RtkSettings
+) -> tuple[TightNode, bool]:
+    """The node after an epoch, and whether its integers are in doubt for too long."""
     arms = np.array(settings.lever_arms_body_m)
     extra = node.extra
-    p, arcs = without(node.p.copy(), extra.arcs, ended(extra.arcs, epoch))
+    p, arcs = without(node.p, extra.arcs, ended(extra.arcs, epoch))
+    interval_s = None if extra.t_gnss_gps_ns is None else (epoch.t_gps_ns - extra.t_gnss_gps_ns) / NS_PER_S
+    if interval_s is not None:
+        p = wandered(p, arcs, epoch, interval_s)
     h, z, h_rate, z_rate = design(node.nav, rate_rad_s, arms, epoch.origin_ecef_m, epoch.antenna, epoch.line)
     phase = epoch.phase_m - z
     p, arcs = begun(p, arcs, epoch, phase / epoch.wavelength_m)
-    at = matched(arcs, epoch.key)
+    arcs = arcs.copy()
+    at = matched(arcs["key"], epoch.key)
     phase = phase - epoch.wavelength_m * arcs["value"][at]
-    use = _fitting(p, h, phase, arcs, at, epoch, settings)
-    arcs, doubts = _noted(arcs.copy(), at, use, epoch, extra.doubts)
-    if doubts >= _DOUBT_LIMIT:
-        return _begin_again(node, extra)
+    use = _fitting(p, h, phase, arcs["held"][at], epoch, settings)
+    young = arcs["count"][at] == 0
+    refused = noted(arcs, at, use, np.isfinite(phase), epoch.lock_time_s, epoch.t_gps_ns)
     if int(use.sum()) < _LEAST_ROWS:
-        return replace(node, p=p, extra=replace(extra, arcs=arcs, doubts=doubts))
-    full, place = _with_ambiguities(h, arcs, at, epoch.wavelength_m)
-    weighed = _decorrelated(epoch, extra.t_gnss_gps_ns, settings)
-    blocks = [_block(full, phase, use, weighed, arcs["held"][at], 0)]
-    rate_v = epoch.rate_m_s - z_rate
-    wide = np.zeros_like(full)
-    wide[:, :ERROR_SIZE] = h_rate
-    blocks.append(_block(wide, rate_v, use & np.isfinite(rate_v), epoch, arcs["held"][at], 2))
-    if place:
-        code = np.zeros_like(full)
-        code[:, :ERROR_SIZE] = h
-        code_v = epoch.code_m - z
-        blocks.append(_block(code, code_v, use & np.isfinite(code_v), epoch, arcs["held"][at], 1))
-    nav, p, arcs = _applied(node.nav.copy(), p, arcs, blocks)
-    if place:
-        nav, p, arcs = _resolved(nav, p, arcs, rtk)
-    status = Status.RTK_FIXED if _all_held(arcs, epoch) else Status.RTK_FLOAT
-    n_satellites = int(np.unique(epoch.link[use] // SIGNAL_KEY).size)
-    nis = float(sum(v @ v for _, v in blocks)) if not place else np.nan
-    degrees = sum(v.size for _, v in blocks)
-    extra = TightExtra(arcs, status, epoch.t_gps_ns, doubts, n_satellites, int(use.sum()), nis, degrees)
-    return Node(node.t_gps_ns, nav, p, extra)
+        doubts = extra.doubts + 1 if refused > _DOUBT_SHARE else 0
+        return replace(node, p=p, extra=replace(extra, arcs=arcs, doubts=doubts)), doubts >= _DOUBT_LIMIT
+    column = _columns(arcs, at)
+    some_float = bool((column >= 0).any())
+    variance = _variance(epoch, young, interval_s, settings)
+    if some_float:
+        variance[:, 1] *= _code_factor(p, h, epoch, epoch.code_m - z)
+    kinds = [(0, h, phase, use, column), (2, h_rate, epoch.rate_m_s - z_rate, use, np.full_like(column, -1))]
+    if some_float:
+        kinds.append((1, h, epoch.code_m - z, use, np.full_like(column, -1)))
+    normals = [
+        normal_equations(d, v, np.ascontiguousarray(variance[:, kind]), epoch.link, epoch.group, rows & np.isfinite(v),
+                         base_share(), columns, epoch.wavelength_m, p.shape[0])
+        for kind, d, v, rows, columns in kinds
+    ]  # fmt: skip
+    information, right = np.sum([n[0] for n in normals], axis=0), np.sum([n[1] for n in normals], axis=0)
+    x, p = informed(p, information, right)
+    nav = node.nav.copy()
+    feed_back(nav, p, x[:ERROR_SIZE], False)
+    arcs["value"][~arcs["held"]] += x[ERROR_SIZE:]
+    nis, degrees = float(sum(n[2] for n in normals) - right @ x), sum(n[3] for n in normals)
+    doubts = extra.doubts + 1 if refused > _DOUBT_SHARE or nis > _DOUBT_NIS * degrees else 0
+    extra = replace(
+        extra, arcs=arcs, t_gnss_gps_ns=epoch.t_gps_ns, doubts=doubts, n_rows=int(use.sum()), nis=nis, degrees=degrees,
+        n_satellites=int(np.unique(epoch.link[use] // SIGNAL_KEY).size),
+    )  # fmt: skip
+    done = _with_integers(Node(node.t_gps_ns, nav, p, extra), epoch, rtk)
+    return done, doubts >= _DOUBT_LIMIT
 
 
-def _decorrelated(epoch: TightEpoch, t_last_ns: int | None, settings: InertialSettings) -> TightEpoch:
-    """The epoch with phase variances for errors that last: epochs closer than that say the same thing again.
+def _variance(epoch: TightEpoch, young: Booleans, interval_s: float | None, settings: InertialSettings) -> Floats:
+    """Variances (m, 3) of the epoch for errors that last: epochs closer than that say the same thing again.
 
     Of errors with the autocorrelation exp(−t/τ), a mean over a long time has the variance of white ones of
-    ``(1 + 2 τ/Δt) σ²`` (Δt the interval of epochs).
+    ``(1 + 2 τ/Δt) σ²`` (Δt the interval of epochs). A code says all it has when its arc begins (``young``).
     """
-    if settings.phase_correlation_s == 0.0 or t_last_ns is None:
-        return epoch
-    interval_s = max((epoch.t_gps_ns - t_last_ns) / NS_PER_S, 1e-3)
     variance = epoch.variance.copy()
-    variance[:, 0] *= 1.0 + 2.0 * settings.phase_correlation_s / interval_s
-    return replace(epoch, variance=variance)
+    if interval_s is not None:
+        variance[:, 0] *= 1.0 + 2.0 * settings.phase_correlation_s / interval_s
+        variance[:, 1] *= np.where(young, 1.0, 1.0 + 2.0 * _CODE_MEMORY_S / interval_s)
+    return variance
+
+
+def _code_factor(p: Floats, h: Floats, epoch: TightEpoch, code_m: Floats) -> float:
+    """Variance factor of the codes, one at least: the median of their squares about their group, in expected ones."""
+    there = np.isfinite(code_m)
+    off = code_m - group_medians(epoch.group, code_m, there)
+    known = np.isfinite(off)
+    if known.sum() < _LEAST_ROWS:
+        return 1.0
+    expected = epoch.variance[:, 1] + np.einsum("ij,jk,ik->i", h, p[:ERROR_SIZE, :ERROR_SIZE], h)
+    return max(float(np.median(off[known] ** 2 / expected[known])) / _CHI2_MEDIAN, 1.0)
 
 
 def _fitting(
-    p: Floats, h: Floats, phase: Floats, arcs: Records, at: Ints, epoch: TightEpoch, settings: InertialSettings
+    p: Floats, h: Floats, phase: Floats, held: Booleans, epoch: TightEpoch, settings: InertialSettings
 ) -> Booleans:
     """Rows whose phase fits what is expected: held ones are compared with the median of their group."""
-    there = np.isfinite(phase)
-    held = arcs["held"][at] & there
-    middle = group_medians(epoch.group, phase, held)
-    spread = np.sqrt(np.einsum("ij,jk,ik->i", h, p[:ERROR_SIZE, :ERROR_SIZE], h) + epoch.variance[:, 0])
-    limit = np.minimum(settings.innovation_gate_sigma * spread, _SLIP_CYCLES * epoch.wavelength_m)
-    with np.errstate(invalid="ignore"):
-        off = held & (np.abs(phase - middle) > limit)
-    fits: Booleans = there & ~off
+    fits: Booleans = fitting(
+        np.ascontiguousarray(p[:ERROR_SIZE, :ERROR_SIZE]), h, phase, held, epoch.group,
+        np.ascontiguousarray(epoch.variance[:, 0]), _SLIP_CYCLES * epoch.wavelength_m, settings.innovation_gate_sigma,
+    )  # fmt: skip
     return fits
-
-
-def _noted(arcs: Records, at: Ints, use: Booleans, epoch: TightEpoch, doubts: int) -> tuple[Records, int]:
-    """Arcs with the epoch noted, and how many epochs in a row spoke against most of the integers."""
-    used, refused = at[use], at[~use & np.isfinite(epoch.phase_m)]
-    arcs["count"][used] += 1
-    arcs["refused"][used] = 0
-    arcs["refused"][refused] += 1
-    arcs["t_last_ns"][at] = epoch.t_gps_ns
-    arcs["lock_time_s"][at] = epoch.lock_time_s
-    held = arcs["held"][at]
-    share = float((held & ~use).sum()) / max(int(held.sum()), 1)
-    return arcs, doubts + 1 if share > _DOUBT_SHARE else 0
 
 
 def _begin_again(node: TightNode, extra: TightExtra) -> TightNode:
@@ -116,90 +136,61 @@ def _begin_again(node: TightNode, extra: TightExtra) -> TightNode:
     p[:3, :] = 0.0
     p[:, :3] = 0.0
     p[:3, :3] = _RESET_SIGMA_M**2 * np.eye(3)
-    return replace(node, p=p, extra=TightExtra(status=Status.RTK_FLOAT, t_gnss_gps_ns=extra.t_gnss_gps_ns))
+    again = TightExtra(status=Status.CONVERGING, t_gnss_gps_ns=extra.t_gnss_gps_ns, t_fixed_gps_ns=extra.t_fixed_gps_ns)
+    return replace(node, p=p, extra=again)
 
 
-def _with_ambiguities(h: Floats, arcs: Records, at: Ints, wavelength_m: Floats) -> tuple[Floats, bool]:
-    """Design (m, 15 + states) with each row's ambiguity where that is a state; and whether any is."""
-    states = np.flatnonzero(~arcs["held"])
-    if not states.size:
-        return h, False
+def _columns(arcs: Records, at: Ints) -> Ints:
+    """State (m,) of each row's ambiguity, −1 where it is held."""
     place = np.full(arcs.size, -1)
-    place[states] = ERROR_SIZE + np.arange(states.size)
-    full = np.zeros((h.shape[0], ERROR_SIZE + states.size))
-    full[:, :ERROR_SIZE] = h
-    column = place[at]
-    rows = np.flatnonzero(column >= 0)
-    full[rows, column[rows]] = wavelength_m[rows]
-    return full, True
-
-
-def _block(h: Floats, v: Floats, use: Booleans, epoch: TightEpoch, held: Booleans, kind: int) -> tuple[Floats, Floats]:
-    """Whitened differences of one kind: 0 phase, 1 code, 2 range rate."""
-    reference = references(epoch.group, epoch.sine, use, held)
-    variance = np.ascontiguousarray(epoch.variance[:, kind])
-    dd_h, dd_v, r = differences(h, v, reference, variance, epoch.link, base_share())
-    white_h, white_v, regular = whitened(dd_h, dd_v, r)
-    return (white_h, white_v) if regular else (np.zeros((0, h.shape[1])), np.zeros(0))
-
-
-def _applied(
-    nav: Floats, p: Floats, arcs: Records, blocks: list[tuple[Floats, Floats]]
-) -> tuple[Floats, Floats, Records]:
-    """State, covariance and arcs after whitened observations."""
-    h, v = np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
-    x, p = informed(p, h, v)
-    feed_back(nav, p, x[:ERROR_SIZE], False)
-    arcs["value"][~arcs["held"]] += x[ERROR_SIZE:]
-    return nav, p, arcs
-
-
-def _resolved(nav: Floats, p: Floats, arcs: Records, rtk: RtkSettings) -> tuple[Floats, Floats, Records]:
-    """State, covariance and arcs with the ambiguities resolved that can be: the largest of the nested sets tried.
-
-    Sets grow with the variance of what they add, so multipath near the horizon does not stand in the way of the rest.
-    """
     states = np.flatnonzero(~arcs["held"])
-    wanted = np.flatnonzero(arcs["integer"][states])
-    variance = np.diag(p)[ERROR_SIZE + wanted]
-    wanted = wanted[np.argsort(variance, kind="stable")]
-    for size in _set_sizes(wanted.size):
-        chosen = np.sort(wanted[:size])
-        at = ERROR_SIZE + chosen
-        values = arcs["value"][states[chosen]]
-        found = resolve(values, p[np.ix_(at, at)], rtk.min_ratio, rtk.min_success_rate, partial=False)
-        if found.complete:
-            return _held(nav, p, arcs, states[chosen], at, found.integers.astype(float) - values, found.integers)
-    return nav, p, arcs
+    place[states] = ERROR_SIZE + np.arange(states.size)
+    return place[at]
 
 
-def _set_sizes(n: int) -> list[int]:
-    """Sizes of the sets tried, falling by a quarter."""
-    sizes = []
-    while n > 0:
-        sizes.append(n)
-        n = min(n - 1, (3 * n) // 4)
-    return sizes[:_MOST_SETS]
+def _with_integers(node: TightNode, epoch: TightEpoch, rtk: RtkSettings) -> TightNode:
+    """The node with the integers held that have been confirmed by now, and its status."""
+    extra, nav, p = node.extra, node.nav, node.p
+    arcs, pending = extra.arcs, None
+    if not arcs["held"].all():
+        found = find(p, arcs, epoch, rtk, rtk.min_success_rate)
+        pending = confirm(extra.pending, found, arcs, epoch.t_gps_ns)
+        if found is not None and is_confirmed(pending, epoch.t_gps_ns):
+            change, p, arcs = conditioned(p, arcs, found)
+            nav, pending = nav.copy(), None
+            feed_back(nav, p, change, False)
+    fixed = _all_held(arcs, epoch)
+    extra = replace(
+        extra, arcs=arcs, pending=pending, status=Status.RTK_FIXED if fixed else _float_status(p),
+        t_fixed_gps_ns=epoch.t_gps_ns if fixed else extra.t_fixed_gps_ns,
+    )  # fmt: skip
+    return Node(node.t_gps_ns, nav, p, extra)
 
 
-def _held(
-    nav: Floats, p: Floats, arcs: Records, which: Ints, at: Ints, change: Floats, integers: Ints
-) -> tuple[Floats, Floats, Records]:
-    """Condition everything else on integers, and take them out of the state."""
-    rest = np.setdiff1d(np.arange(p.shape[0]), at)
-    gain = np.linalg.solve(p[np.ix_(at, at)], p[np.ix_(at, rest)]).T
-    moved = gain @ change
-    left = p[np.ix_(rest, rest)] - gain @ p[np.ix_(at, rest)]
-    left = np.ascontiguousarray(0.5 * (left + left.T))
-    arcs = arcs.copy()
-    remaining = np.setdiff1d(np.flatnonzero(~arcs["held"]), which)
-    arcs["value"][remaining] += moved[ERROR_SIZE:]
-    arcs["value"][which], arcs["held"][which] = integers, True
-    feed_back(nav, left, moved[:ERROR_SIZE].copy(), False)
-    return nav, left, arcs
+def _float_status(p: Floats) -> Status:
+    """What a position is without its integers: float where it is known to centimetres, else it is still on its way."""
+    return Status.RTK_FLOAT if np.trace(p[:3, :3]) < _FLOAT_SIGMA_M**2 else Status.CONVERGING
+
+
+def _checked(
+    node: TightNode, epoch: TightEpoch, rate_rad_s: Floats, settings: InertialSettings, rtk: RtkSettings
+) -> TightNode:
+    """The node, its integers compared with a search over this epoch that knows nothing of them."""
+    blank = _begin_again(node, TightExtra())
+    free, _ = _updated(blank, epoch, rate_rad_s, settings, rtk)
+    certain = 1.0 - _CHECK_FAILURE_SHARE * (1.0 - rtk.min_success_rate)
+    found = find(free.p, free.extra.arcs, epoch, rtk, certain)
+    extra = replace(node.extra, t_checked_gps_ns=epoch.t_gps_ns)
+    if found is None:
+        return replace(node, extra=extra)
+    if not speaks_against(found, free.extra.arcs, extra.arcs):
+        return replace(node, extra=replace(extra, contradictions=0))
+    if extra.contradictions + 1 >= _CONTRADICTIONS:
+        return _begin_again(node, extra)
+    return replace(node, extra=replace(extra, contradictions=extra.contradictions + 1))
 
 
 def _all_held(arcs: Records, epoch: TightEpoch) -> bool:
     """Whether enough of the epoch's ambiguities are integers for the position to rest on them."""
-    held = arcs["held"][matched(arcs, epoch.key)] if arcs.size else np.zeros(0, np.bool_)
+    held = arcs["held"][matched(arcs["key"], epoch.key)] if arcs.size else np.zeros(0, np.bool_)
     return int(held.sum()) >= 5 and float(held.mean()) > 0.5

@@ -5,6 +5,7 @@ belongs before the last node goes back to the node before it, and everything aft
 the samples waits for them. So the outcome is that of inputs in order, as long as nothing is later than the limit.
 """
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
@@ -109,12 +110,16 @@ def add_measurement(timeline: Timeline[Measured, Extra], measurement: Measured) 
     t_ns = measurement.t_gps_ns
     if timeline.nodes and t_ns <= timeline.nodes[0].t_gps_ns:
         return counted(timeline, "measurement_too_late")
-    key = (t_ns, measurement.rank)
-    if any((m.t_gps_ns, m.rank) == key for m in timeline.measurements):
+    known, key = timeline.measurements, (t_ns, measurement.rank)
+    at = bisect_left(known, key, key=lambda m: (m.t_gps_ns, m.rank))
+    if at < len(known) and (known[at].t_gps_ns, known[at].rank) == key:
         return counted(timeline, "measurement_repeated")
-    measurements = tuple(sorted((*timeline.measurements, measurement), key=lambda m: (m.t_gps_ns, m.rank)))
-    nodes = tuple(node for node in timeline.nodes if node.t_gps_ns < t_ns)
-    return replace(timeline, measurements=measurements, nodes=nodes)
+    nodes = timeline.nodes[: bisect_left(timeline.nodes, t_ns, key=_time_of)]
+    return replace(timeline, measurements=(*known[:at], measurement, *known[at:]), nodes=nodes)
+
+
+def _time_of(timed: Node[Extra] | Timed) -> int:
+    return timed.t_gps_ns
 
 
 def run(
@@ -131,7 +136,8 @@ def run(
     if not timeline.nodes or not timeline.t_gps_ns.size:
         return Ran(timeline, no_rows(), ())
     end_ns, start_ns = int(timeline.t_gps_ns[-1]), timeline.nodes[-1].t_gps_ns
-    due = [m for m in timeline.measurements if start_ns < m.t_gps_ns <= end_ns]
+    first, last = (bisect_right(timeline.measurements, t_ns, key=_time_of) for t_ns in (start_ns, end_ns))
+    due = timeline.measurements[first:last]
     nodes = list(timeline.nodes)
     parts: list[Rows] = []
     updated: list[Node[Extra]] = []
@@ -177,7 +183,7 @@ def _sample_at(timeline: Timeline[Measured, Extra], t_ns: int) -> Floats:
 
 def _trimmed(timeline: Timeline[Measured, Extra], oldest_ns: int) -> Timeline[Measured, Extra]:
     """Forget what no measurement within the limit can change."""
-    keep = max(sum(node.t_gps_ns <= oldest_ns for node in timeline.nodes) - 1, 0)
+    keep = max(bisect_right(timeline.nodes, oldest_ns, key=_time_of) - 1, 0)
     nodes = timeline.nodes[keep:]
     start_ns = nodes[0].t_gps_ns
     first = max(int(np.searchsorted(timeline.t_gps_ns, start_ns)) - 2, 0)
@@ -186,5 +192,5 @@ def _trimmed(timeline: Timeline[Measured, Extra], oldest_ns: int) -> Timeline[Me
         t_gps_ns=timeline.t_gps_ns[first:],
         samples=timeline.samples[first:],
         nodes=nodes,
-        measurements=tuple(m for m in timeline.measurements if m.t_gps_ns > start_ns),
+        measurements=timeline.measurements[bisect_right(timeline.measurements, start_ns, key=_time_of) :],
     )

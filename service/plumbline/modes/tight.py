@@ -160,16 +160,18 @@ class TightProcessor:
         state.platform = result.state
         reference = self._reference()
         if reference is None:
-            return []
+            words = "integers not resolved yet, and no reference position is set"
+            return [self._nothing(node.t_gps_ns, Status.ALIGNING, words, t_receive_ns) for node in result.updated]
         solutions = [self._solution(node, reference, t_receive_ns) for node in result.updated]
         return [*solutions, *self._blocks(result.rows, reference, t_receive_ns)]
 
     def _reference(self) -> Vector3 | None:
-        """The reference position; without a setting the IMU's first one, which rests on resolved integers."""
+        """The reference position; without a setting the IMU's first one that rests on resolved integers."""
         state, nodes = self.state, self.state.platform.tight.timeline.nodes
         given = self._context.settings.reference_position_ecef_m
-        if given is None and state.reference_position_ecef_m is None and nodes:
-            x, y, z = nodes[0].nav[:3].tolist()
+        first = next((node for node in nodes if node.extra.status is Status.RTK_FIXED), None)
+        if given is None and state.reference_position_ecef_m is None and first is not None:
+            x, y, z = first.nav[:3].tolist()
             state.reference_position_ecef_m = (x, y, z)
         return given or state.reference_position_ecef_m
 

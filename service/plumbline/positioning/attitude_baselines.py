@@ -5,6 +5,10 @@ the nearest integer vectors of each baseline (C-LAMBDA's idea: Teunissen 2010, J
 length of every baseline and the shape that the antennas make together, is the likeliest. It is believed when its
 posterior probability among all sets is high.
 
+How much the measurements are worth is taken from themselves where they are worse than the settings say (antennas among
+walls): codes are weighed by their own scatter, and a set that fits badly leaves others more of a chance. Where an
+accelerometer has levelled the platform, all but the heading is known beforehand: a set that tilts it is none.
+
 Body axes are right (x), forward (y), up (z); ``rotation_enu_from_body = R_z(−heading) R_x(pitch) R_y(roll)``. With two
 antennas the rotation about their line is unknown: the angle that it belongs to is NaN.
 """
@@ -37,8 +41,19 @@ _CANDIDATES: Final = 400
 _REACH: Final = 60.0  # squared norms beyond the best that a length might still make up for
 _PER_BASELINE: Final = 6  # candidates that take part in the joint choice
 _CODE_W_LIMIT: Final = 4.0
-_LEVEL_SIGMA_RAD: Final = math.radians(20.0)  # platforms stand roughly upright: all that is known about a lone line
 _UNKNOWN_RAD: Final = math.radians(10.0)  # an angle less certain than this is not given
+
+
+@dataclass(frozen=True, slots=True)
+class Upright:
+    """What is known of the platform's tilt: where up is in body axes, (3,), and how well."""
+
+    up_body: Floats
+    sigma_rad: float
+
+
+#: Platforms stand roughly upright: all that is known about a lone line.
+ROUGHLY_UPRIGHT: Final = Upright(np.array([0.0, 0.0, 1.0]), math.radians(20.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +63,7 @@ class Baseline:
     vectors_enu_m: Floats  # (k, 3)
     costs: Floats  # (k,) squared norms: integers, length
     covariance_enu_m2: Floats  # (3, 3) of each, integers known
+    degrees: int  # of freedom of the squared norms
     float_enu_m: Floats  # (3,)
     n_satellites: int
     reason: str = ""  # why there are none
@@ -70,12 +86,13 @@ class Attitude:
 
 
 def _no_baseline(reason: str, n_satellites: int = 0) -> Baseline:
-    return Baseline(np.zeros((0, 3)), np.zeros(0), np.full((3, 3), np.inf), np.full(3, np.nan), n_satellites, reason)
+    return Baseline(np.zeros((0, 3)), np.zeros(0), np.full((3, 3), np.inf), 0, np.full(3, np.nan), n_satellites, reason)
 
 
 def baseline_candidates(
-    primary: Epoch, auxiliary: Epoch, place: Place, length_m: float, source: SatelliteSource, settings: StationSettings
-) -> Baseline:
+    primary: Epoch, auxiliary: Epoch, place: Place, arm_body_m: Floats, source: SatelliteSource,
+    settings: StationSettings, upright: Upright | None = None,
+) -> Baseline:  # fmt: skip
     """Candidates for one baseline of known length from a single epoch; ``place`` is the primary's, good to metres."""
     rows = single_difference_rows(
         select_rows(auxiliary, settings.positioning.systems), select_rows(primary, settings.positioning.systems),
@@ -86,39 +103,46 @@ def baseline_candidates(
     states, base_states, index = satellites_of(rows, auxiliary, primary, source)
     fill_model(rows, states, base_states, index, place, place, mask_rad_of(settings.positioning), 0.0, settings.rtk)
     n_groups = int(rows["group"].max()) + 1
-    use_code = snoop(
+    codes = snoop(
         rows["line"], rows["code_oc_m"], rows["code_weight"],
         rows["group"], n_groups, _CODE_W_LIMIT**2, max(2, rows.size // 4),
-    ).use  # fmt: skip
+    )  # fmt: skip
+    rows["code_weight"] /= max(codes.squares / codes.degrees_of_freedom, 1.0) if codes.degrees_of_freedom > 0 else 1.0
     arcs = update_arcs(RtkState(), rows, auxiliary.t_gps_ns, 0, n_groups, NO_CHANGE_TEST).arcs
     information, right = np.zeros((N_CORE + arcs.size,) * 2), np.zeros(N_CORE + arcs.size)
-    accumulate(information, right, rows, arcs, use_code, rows["arc"] >= 0, np.zeros(3), n_groups)
+    accumulate(information, right, rows, arcs, codes.use, rows["arc"] >= 0, np.zeros(3), n_groups)
     references = references_of(rows, arcs, sines_of_arcs(rows, arcs.size))
     known = np.concatenate([np.zeros(N_CORE, np.bool_), references])
     x, q, regular = estimate(information, right, known, np.zeros(known.size))
     n_satellites = int(np.unique(rows["satellite"][rows["arc"] >= 0]).size)
     if not regular:
         return _no_baseline(f"{n_satellites} usable satellites do not determine the baseline", n_satellites)
-    return _with_length(x, q, N_CORE + np.flatnonzero(arcs["integer"] & ~references), place.enu, length_m, n_satellites)
+    at = N_CORE + np.flatnonzero(arcs["integer"] & ~references)
+    return _with_shape(x, q, at, place.enu, arm_body_m, upright, n_satellites)
 
 
-def _with_length(
-    x: Floats, q: Floats, at: Ints, enu: Floats, length_m: float, n_satellites: int
-) -> Baseline:  # fmt: skip
-    """Candidates of float states, those of the ambiguities ``at`` resolved, likeliest with the length first."""
+def _with_shape(
+    x: Floats, q: Floats, at: Ints, enu: Floats, arm_body_m: Floats, upright: Upright | None, n_satellites: int
+) -> Baseline:
+    """Candidates of float states, those of the ambiguities ``at`` resolved; those that the arm allows come first."""
     if at.size < N_CORE + 1:
         return _no_baseline("too few ambiguities to resolve", n_satellites)
     q_aa, q_ab = q[np.ix_(at, at)], q[at][:, POSITION]
     integers, norms = nearest(x[at], q_aa, _CANDIDATES, _REACH)
+    if not norms.size:
+        return _no_baseline("no integers fit", n_satellites)
     gain = np.linalg.solve(q_aa, q_ab).T
     vectors = (x[POSITION] - (x[at] - integers) @ gain.T) @ enu.T
     covariance = enu @ (q[POSITION, POSITION] - gain @ q_ab) @ enu.T
     lengths = np.linalg.norm(vectors, axis=1)
     along = vectors / np.maximum(lengths, 1e-9)[:, None]
     variance = np.einsum("ki,ij,kj->k", along, covariance, along) + LENGTH_SIGMA_M**2
-    costs = norms + (lengths - length_m) ** 2 / variance
+    costs, degrees = norms + (lengths - np.linalg.norm(arm_body_m)) ** 2 / variance, at.size + 1
+    if upright is not None:
+        height_m, reach_m = float(arm_body_m @ upright.up_body), upright.sigma_rad * float(np.linalg.norm(arm_body_m))
+        costs, degrees = costs + (vectors[:, 2] - height_m) ** 2 / (covariance[2, 2] + reach_m**2), degrees + 1
     order = np.argsort(costs, kind="stable")
-    return Baseline(vectors[order], costs[order], covariance, enu @ x[POSITION], n_satellites)
+    return Baseline(vectors[order], costs[order], covariance, degrees, enu @ x[POSITION], n_satellites)
 
 
 # ------------------------------------------------------------------------------------------- attitude
@@ -161,12 +185,12 @@ def _partials(rotation: Floats) -> Floats:
 
 
 def fit_attitude(
-    vectors_enu_m: Floats, covariances_m2: Sequence[Floats], arms_body_m: Floats, upright: bool
+    vectors_enu_m: Floats, covariances_m2: Sequence[Floats], arms_body_m: Floats, upright: Upright | None
 ) -> tuple[Floats, Floats, float]:
     """Rotation (3, 3), the covariance of its angles (3, 3) and the weighted sum of squares of the fit.
 
-    ``vectors_enu_m``, ``arms_body_m`` (k, 3). ``upright`` adds that the platform stands roughly level, without which
-    one baseline alone leaves a rotation free. Starts from Kabsch's rotation, then Gauss-Newton with the covariances.
+    ``vectors_enu_m``, ``arms_body_m`` (k, 3). ``upright`` adds what is known of the tilt, without which one baseline
+    alone leaves a rotation free. Starts from Kabsch's rotation, then Gauss-Newton with the covariances.
     """
     weights = [np.linalg.inv(c + np.eye(3) * LENGTH_SIGMA_M**2 / 3.0) for c in covariances_m2]
     rotation = _first_rotation(vectors_enu_m, arms_body_m, upright)
@@ -179,11 +203,12 @@ def fit_attitude(
             normal += partial.T @ weight @ partial
             right += partial.T @ weight @ rest
             cost += float(rest @ weight @ rest)
-        if upright:
-            turned = rotation @ up
-            partial, weight = -_cross(turned), np.diag([1.0, 1.0, 0.0]) / _LEVEL_SIGMA_RAD**2
+        if upright is not None:
+            turned = rotation @ upright.up_body
+            partial, weight = -_cross(turned), np.diag([1.0, 1.0, 0.0]) / upright.sigma_rad**2
             normal += partial.T @ weight @ partial
             right += partial.T @ weight @ (up - turned)
+            cost += float((up - turned) @ weight @ (up - turned))
         psi = np.asarray(np.linalg.solve(normal, right), np.float64)
         u, _, vt = np.linalg.svd((np.eye(3) + _cross(psi)) @ rotation)
         rotation = u @ vt
@@ -193,53 +218,60 @@ def fit_attitude(
     return rotation, partials @ np.linalg.inv(normal) @ partials.T, cost
 
 
-def _first_rotation(vectors: Floats, arms: Floats, upright: bool) -> Floats:
+def _first_rotation(vectors: Floats, arms: Floats, upright: Upright | None) -> Floats:
     """Kabsch's rotation of the arms onto the vectors, the vertical onto itself where nothing else holds it."""
     pairs = vectors.T @ arms
-    if upright:
-        pairs += 1e-2 * np.sum(arms * arms) * np.outer([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    if upright is not None:
+        pairs += 1e-2 * np.sum(arms * arms) * np.outer([0.0, 0.0, 1.0], upright.up_body)
     u, _, vt = np.linalg.svd(pairs)
     rotation: Floats = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
     return rotation
 
 
 def _choose(
-    baselines: Sequence[Baseline], arms: Floats
+    baselines: Sequence[Baseline], arms: Floats, upright: Upright | None
 ) -> tuple[Floats, Floats, Floats, float]:  # fmt: skip
-    """Rotation, covariance of the angles, vectors (k, 3) and posterior probability of the likeliest set."""
+    """Rotation, covariance of the angles, vectors (k, 3) and posterior probability of the likeliest set.
+
+    Costs are in units of the variance factor that the likeliest set shows, where that is more than one.
+    """
     lone = len(baselines) == 1
+    tilt = upright or (ROUGHLY_UPRIGHT if lone else None)
     sets = itertools.product(*(range(min(_PER_BASELINE, b.costs.size)) for b in baselines))
     found = []
     for chosen in sets:
         vectors = np.array([b.vectors_enu_m[i] for b, i in zip(baselines, chosen, strict=True)])
         own = sum(float(b.costs[i]) for b, i in zip(baselines, chosen, strict=True))
-        rotation, covariance, shape = fit_attitude(vectors, [b.covariance_enu_m2 for b in baselines], arms, lone)
+        rotation, covariance, shape = fit_attitude(vectors, [b.covariance_enu_m2 for b in baselines], arms, tilt)
         found.append((own + (0.0 if lone else shape), rotation, covariance, vectors))
     costs = np.array([entry[0] for entry in found])
     best = int(np.argmin(costs))
-    confidence = 1.0 / float(np.sum(np.exp(np.maximum(-0.5 * (costs - costs[best]), -700.0))))
+    factor = max(costs[best] / sum(b.degrees for b in baselines), 1.0)
+    confidence = 1.0 / float(np.sum(np.exp(np.maximum(-0.5 * (costs - costs[best]) / factor, -700.0))))
     return found[best][1], found[best][2], found[best][3], confidence
 
 
 def attitude(
     primary: Epoch, auxiliaries: Sequence[Epoch], arms_body_m: Floats, position_ecef_m: Floats, source: SatelliteSource,
-    settings: StationSettings,
+    settings: StationSettings, upright: Upright | None = None,
 ) -> Attitude:  # fmt: skip
     """Attitude from one epoch of a primary antenna and one or more auxiliaries of the same instant.
 
     ``arms_body_m`` (k, 3): primary → each auxiliary in body axes; ``position_ecef_m``: of the primary, good to some ten
-    metres (a metre costs 5e-8 of the baseline). Codes, phases and systems as the station's settings say.
+    metres (a metre costs 5e-8 of the baseline). Codes, phases and systems as the station's settings say. ``upright``:
+    what is known of the tilt, from an accelerometer at rest; None where nothing is.
     """
     place = place_of(position_ecef_m, primary.t_gps_ns)
-    lengths = np.linalg.norm(arms_body_m, axis=1).tolist()
     baselines = [
-        baseline_candidates(primary, replace(epoch, t_receive_ns=primary.t_receive_ns), place, length, source, settings)
-        for epoch, length in zip(auxiliaries, lengths, strict=True)
+        baseline_candidates(
+            primary, replace(epoch, t_receive_ns=primary.t_receive_ns), place, arm, source, settings, upright
+        )
+        for epoch, arm in zip(auxiliaries, arms_body_m, strict=True)
     ]
     for number, one in enumerate(baselines, start=2):
         if one.costs.size == 0:
             return Attitude(primary.t_gps_ns, False, f"antenna {number}: {one.reason or 'no integers fit'}")
-    rotation, covariance, vectors, confidence = _choose(baselines, arms_body_m)
+    rotation, covariance, vectors, confidence = _choose(baselines, arms_body_m, upright)
     angles, fixed = angles_of_rotation(rotation), confidence >= MIN_CONFIDENCE
     if not fixed:
         reason = f"integers not certain: probability {confidence:.3f}, {MIN_CONFIDENCE:.3f} wanted"

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from plumbline.config import InertialSettings
-from plumbline.errors import ContractError
-from plumbline.fusion.alignment import attitude_from_antennas, gyro_compass, heading_from_motion, level, with_heading
+from plumbline.fusion.alignment import gyro_compass, heading_from_motion, level, with_heading
 from plumbline.fusion.loose_start import first_covariance
 from plumbline.fusion.rotations import angles_from_rotation, rotation_enu_from_angles, rotation_log
 from plumbline.fusion.strapdown import earth_rate_local_rad_s
@@ -42,15 +41,6 @@ def test_heading_from_motion() -> None:
     assert np.isinf(heading_from_motion(inertial[:3], enu[:3], np.full(3, 0.25))[1])
 
 
-def test_attitude_from_antennas() -> None:
-    arms = np.array([[-0.5, -0.9, 0.0], [0.5, -0.9, 0.05]])
-    np.testing.assert_allclose(attitude_from_antennas(arms, arms @ TRUE.T), TRUE, atol=1e-12)
-    one = attitude_from_antennas(arms[:1], arms[:1] @ TRUE.T, FORCE)
-    np.testing.assert_allclose(one, TRUE, atol=1e-12)
-    with pytest.raises(ContractError):
-        attitude_from_antennas(arms[:1], arms[:1] @ TRUE.T)
-
-
 def test_alignments_of_a_platform() -> None:
     sheet = InertialSettings(initial_gyroscope_bias_sigma_rad_s=4e-7, gyroscope_noise_rad_s_sqrt_hz=1e-6)
     at_rest = align_at_rest(FORCE, RATE, 10.0, LATITUDE, sheet)
@@ -59,7 +49,7 @@ def test_alignments_of_a_platform() -> None:
     given = align_at_rest(FORCE, RATE, 10.0, LATITUDE, sheet.model_copy(update={"heading_deg": 90.0}))
     assert np.degrees(angles_from_rotation(given.rotation_enu_from_body)[0]) == pytest.approx(90.0)
     arms = np.array([[-0.5, -0.9, 0.0], [0.5, -0.9, 0.05]])
-    by_antennas = align_by_antennas(arms @ TRUE.T, arms, None)
+    by_antennas = align_by_antennas(arms @ TRUE.T, arms, FORCE, 10.0, sheet)
     assert np.abs(rotation_log(by_antennas.rotation_enu_from_body @ TRUE.T)).max() < 1e-9
 
 

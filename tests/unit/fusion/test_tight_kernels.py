@@ -1,7 +1,7 @@
 """The tight filter's measurement equations.
 
 Oracles: central differences of the prediction itself for every Jacobian; a dense least-squares solution for the update;
-the covariance of simulated differences; the definition of a median.
+double differences written out; the definition of a median.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from tests.unit.fusion.platform_scenes import ARMS, antenna_state, sky
 from tests.unit.fusion.test_strapdown import nav_ecef, nav_local
 
 from plumbline.fusion.error_model import feed_back
-from plumbline.fusion.tight_kernels import design, differences, group_medians, informed, references, whitened
+from plumbline.fusion.tight_kernels import design, fitting, group_medians, informed, normal_equations
 
 RATE = np.array([0.3, -0.4, 0.9])
 LINES = sky(np.random.default_rng(4), 7, np.array([0.0, 0.0, 1.0]))
@@ -70,41 +70,64 @@ def test_designs_are_derivatives(column: int) -> None:
     np.testing.assert_allclose((both[0][1] - both[1][1]) / (2 * SIZES[column]), h_rate[:, column], atol=1e-6)
 
 
-def test_covariance_of_differences() -> None:
-    """Oracle: the matrix product D Σ Dᵀ with Σ written out, and positive definiteness."""
-    group = np.array([1, 1, 1, 2, 2, 2, 2])
-    link = np.array([10, 11, 12, 10, 11, 12, 13])
-    sine = np.array([0.3, 0.9, 0.5, 0.2, 0.8, 0.4, 0.95])
-    variance = np.linspace(1.0, 2.0, 7)
-    use = np.ones(7, np.bool_)
-    reference = references(group, sine, use, np.array([0, 0, 0, 1, 0, 0, 0], np.bool_))
-    np.testing.assert_array_equal(reference, [1, 1, 1, 3, 3, 3, 3])
-    _, v, r = differences(np.eye(7, 3), np.arange(7.0), reference, variance, link, 0.5)
+def double_differences(group: np.ndarray, link: np.ndarray, variance: np.ndarray, use: np.ndarray) -> tuple:  # type: ignore[type-arg]
+    """Differencing matrix to each group's first used row, and the covariance of single differences, written out."""
     sigma = np.diag(variance)
-    for i in range(7):
-        for j in range(7):
+    for i in range(group.size):
+        for j in range(group.size):
             if i != j and link[i] == link[j]:
                 sigma[i, j] = 0.5 * np.sqrt(variance[i] * variance[j])
-    d = np.array([np.eye(7)[i] - np.eye(7)[reference[i]] for i in range(7) if reference[i] != i])
-    np.testing.assert_allclose(r, d @ sigma @ d.T, atol=1e-15)
-    np.testing.assert_allclose(v, d @ np.arange(7.0))
-    assert np.linalg.eigvalsh(r).min() > 0
+    rows = []
+    for g in np.unique(group[use]):
+        first, *others = np.flatnonzero(use & (group == g))
+        rows += [np.eye(group.size)[i] - np.eye(group.size)[first] for i in others]
+    return np.array(rows), sigma
+
+
+def test_normal_equations_are_those_of_double_differences() -> None:
+    """Oracle: Hᵀ Dᵀ (D Σ Dᵀ)⁻¹ D H with D and Σ written out; clocks of kilometres do not matter."""
+    rng = np.random.default_rng(2)
+    group = np.array([1, 1, 1, 2, 2, 2, 2, 3])
+    link = np.array([10, 11, 12, 10, 11, 12, 13, 10])
+    use = np.array([1, 1, 1, 1, 0, 1, 1, 1], np.bool_)
+    column = np.array([-1, 15, -1, -1, 16, 17, 18, -1])
+    variance, wavelength = np.linspace(1.0, 2.0, 8), np.full(8, 0.19)
+    h, v = rng.normal(size=(8, 15)), rng.normal(size=8)
+    full = np.hstack([h, np.zeros((8, 4))])
+    full[np.flatnonzero(column >= 0), column[column >= 0]] = 0.19
+    d, sigma = double_differences(group, link, variance, use)
+    weight = d.T @ np.linalg.inv(d @ sigma @ d.T) @ d
+    clock = 1e5 * group
+    n, b, squares, degrees = normal_equations(h, v + clock, variance, link, group, use, 0.5, column, wavelength, 19)
+    np.testing.assert_allclose(n, full.T @ weight @ full, atol=1e-9)
+    np.testing.assert_allclose(b, full.T @ weight @ v, atol=1e-8)
+    assert squares == pytest.approx(v @ weight @ v, abs=1e-8)
+    assert degrees == len(d)
 
 
 def test_update_is_bayes() -> None:
-    """Oracle: (P⁻¹ + Hᵀ R⁻¹ H)⁻¹ written out."""
+    """Oracle: (P⁻¹ + N)⁻¹ written out."""
     rng = np.random.default_rng(0)
-    a = rng.normal(size=(18, 18))
-    p, h, v = a @ a.T * 1e-3 + np.eye(18) * 1e-5, rng.normal(size=(40, 18)), rng.normal(size=40)
-    b = rng.normal(size=(40, 40))
-    r = b @ b.T + np.eye(40)
-    white_h, white_v, regular = whitened(h, v, r)
-    assert regular
-    x, q = informed(p, white_h, white_v)
-    expected = np.linalg.inv(np.linalg.inv(p) + h.T @ np.linalg.solve(r, h))
+    a, h = rng.normal(size=(18, 18)), rng.normal(size=(40, 18))
+    p, v = a @ a.T * 1e-3 + np.eye(18) * 1e-5, rng.normal(size=40)
+    x, q = informed(p, h.T @ h, h.T @ v)
+    expected = np.linalg.inv(np.linalg.inv(p) + h.T @ h)
     np.testing.assert_allclose(q, expected, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(x, expected @ h.T @ np.linalg.solve(r, v), rtol=1e-8, atol=1e-12)
-    assert not whitened(h, v, -r)[2]
+    np.testing.assert_allclose(x, expected @ h.T @ v, rtol=1e-8, atol=1e-12)
+
+
+def test_phases_that_fit() -> None:
+    """Oracle: a held row off its group's median by more than the gate, or than the slip limit, is refused."""
+    group, held = np.ones(6, np.int64), np.ones(6, np.bool_)
+    phase = np.array([0.0, 0.001, -0.001, 0.05, 0.0, np.nan])
+    variance, h = np.full(6, 1e-4), np.zeros((6, 15))
+    wide = np.full(6, 0.4)
+    np.testing.assert_array_equal(fitting(np.eye(15), h, phase, held, group, variance, wide, 6.0), [1, 1, 1, 1, 1, 0])
+    np.testing.assert_array_equal(fitting(np.eye(15), h, phase, held, group, variance, wide, 4.0), [1, 1, 1, 0, 1, 0])
+    tight = np.full(6, 0.04)
+    np.testing.assert_array_equal(fitting(np.eye(15), h, phase, held, group, variance, tight, 6.0), [1, 1, 1, 0, 1, 0])
+    held[3] = False  # what is not held is a state of the filter
+    np.testing.assert_array_equal(fitting(np.eye(15), h, phase, held, group, variance, wide, 4.0), [1, 1, 1, 1, 1, 0])
 
 
 def test_group_medians() -> None:

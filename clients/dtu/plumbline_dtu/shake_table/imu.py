@@ -42,6 +42,12 @@ def true_samples(experiment: Experiment, t_gps_ns: Ints) -> tuple[Floats, Floats
 
 def sample(experiment: Experiment) -> Iterator[tuple[int, bytes]]:
     """Frames of the IMU, (GPS time of the last sample, bytes)."""
+    for block in measure(experiment):
+        yield block.t_receive_ns, inertial_frame(block, STATION)
+
+
+def measure(experiment: Experiment) -> Iterator[InertialBlock]:
+    """What the IMU measures, a quarter of a second at a time."""
     n = round(experiment.schedule.duration_s * IMU_RATE_HZ)
     interval_ns = NS_PER_S // IMU_RATE_HZ
     times = START_GPS_NS + interval_ns * np.arange(n, dtype=np.int64)
@@ -51,9 +57,7 @@ def sample(experiment: Experiment) -> Iterator[tuple[int, bytes]]:
     rate += _errors(random, n, errors.rate_noise_rad_s_sqrt_hz, errors.rate_instability_rad_s, errors)
     for first in range(0, n, _SAMPLES):
         part = slice(first, min(first + _SAMPLES, n))
-        t_first_ns, t_last_ns = int(times[part][0]), int(times[part][-1])
-        block = InertialBlock(t_first_ns, t_last_ns, interval_ns, force[part], rate[part])
-        yield t_last_ns, inertial_frame(block, STATION)
+        yield InertialBlock(int(times[part][0]), int(times[part][-1]), interval_ns, force[part], rate[part])
 
 
 def _errors(random: np.random.Generator, n: int, density: float, instability: float, errors: ImuErrors) -> Floats:

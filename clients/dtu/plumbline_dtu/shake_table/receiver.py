@@ -74,22 +74,25 @@ def antenna_ecef_m(experiment: Experiment, station: int) -> Floats:
 
 def receive(experiment: Experiment, station: int) -> Iterator[tuple[int, bytes]]:
     """A station's bytes, (GPS time, frames), epoch by epoch."""
+    for k, epoch in enumerate(observe(experiment, station)):
+        second, part = divmod(k, GNSS_RATE_HZ)
+        head = b"" if part else _head(experiment, station, epoch.satellite, second)
+        yield epoch.t_gps_ns, head + b"".join(frame(payload) for payload in encode_epoch(epoch, 7, station))
+
+
+def observe(experiment: Experiment, station: int) -> Iterator[Epoch]:
+    """What a station measures, epoch by epoch."""
     satellites = _satellites(experiment, station)
     reflection = experiment.levels.base_reflection if station == BASE else experiment.levels.platform_reflection
     place_seed = [experiment.seed, 21, int(station == BASE)]  # the platform's antennas share its surroundings
     around = surroundings(len(satellites.satellite), reflection, place_seed)
     random = np.random.default_rng([experiment.seed, 22, station])
     since_ns = np.full(len(satellites.satellite), _NOT_LOCKED, np.int64)
-    n_seconds = round(experiment.schedule.duration_s)
-    for second in range(n_seconds):
+    for second in range(round(experiment.schedule.duration_s)):
         times = START_GPS_NS + second * NS_PER_S + _STEP_NS * np.arange(GNSS_RATE_HZ, dtype=np.int64)
         seen, clock_s, clock_rate, moved = _geometry(experiment, station, satellites, times)
         errors = _errors(experiment, station, seen, satellites, around, moved, random)
-        epochs = _epochs(station, times, satellites, seen, clock_s, clock_rate, errors, since_ns)
-        head = _head(experiment, station, satellites, visible(seen.azimuth_rad[0], seen.elevation_rad[0]), second)
-        for epoch in epochs:
-            yield epoch.t_gps_ns, head + b"".join(frame(payload) for payload in encode_epoch(epoch, 7, station))
-            head = b""
+        yield from _epochs(station, times, satellites, seen, clock_s, clock_rate, errors, since_ns)
 
 
 def _satellites(experiment: Experiment, station: int) -> _Satellites:
@@ -191,7 +194,7 @@ def _lock_times(since_ns: Ints, t_ns: int, up: Booleans) -> Floats:
     return times
 
 
-def _head(experiment: Experiment, station: int, satellites: _Satellites, up: Booleans, second: int) -> bytes:
+def _head(experiment: Experiment, station: int, up: SatelliteIds, second: int) -> bytes:
     """Description and ephemerides, when due."""
     data = b""
     if second % _DESCRIPTION_INTERVAL_S == 0:
@@ -199,5 +202,5 @@ def _head(experiment: Experiment, station: int, satellites: _Satellites, up: Boo
         data += b"".join(station_frames(station, (x, y, z), 0.0, "", "", "plumbline shake table"))
     if second % _EPHEMERIS_INTERVAL_S == 0:
         sets = constellation().broadcast(START_GPS_NS + second * NS_PER_S)
-        data += b"".join(ephemeris_frame(sets[int(satellite)]) for satellite in satellites.satellite[up])
+        data += b"".join(ephemeris_frame(sets[int(satellite)]) for satellite in up)
     return data
