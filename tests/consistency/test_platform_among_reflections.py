@@ -20,7 +20,7 @@ AT_REST = replace(schedule(), vibrations=(), duration_s=40.0)
 @pytest.mark.parametrize("seed", [2, 5, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(21, 41))])
 def test_no_wrong_integers(seed: int) -> None:
     """Rows that are called fixed are within centimetres; several antennas with the IMU do fix in the 40 s."""
-    found = run(Experiment(seed, AT_REST), ("GI1", "GI2", "GI3", "GI12", "GI123"), every=10)
+    found = run(Experiment(seed, AT_REST), ("G1", "G2", "G3", "GI1", "GI2", "GI3", "GI12", "GI123"), every=10)
     for scheme, one in found.items():
         errors = one.errors_m
         print(f"seed {seed} {scheme}: fixed after {one.fixed_after_s:.1f} s, {len(errors)} of {len(one.rows)}, worst "

@@ -21,6 +21,7 @@ from plumbline.positioning.rtk_control import Adjusted, Limits, limits_of, snoop
 from plumbline.positioning.rtk_filter import accumulate, carry_over, move_position
 from plumbline.positioning.rtk_fix import Fix, fix
 from plumbline.positioning.rtk_judged import Judged
+from plumbline.positioning.rtk_lasting import with_honest_codes
 from plumbline.positioning.rtk_model import fill_model, place_of, satellites_of
 from plumbline.positioning.rtk_observations import satellites_in, single_difference_rows
 from plumbline.positioning.rtk_solution import RtkDiagnostics, relative_solution
@@ -231,10 +232,12 @@ def _update(state: RtkState, inputs: _Inputs, rows: Records, codes: Adjusted, ap
     information, right = _predicted(state, tracked, t_ns, inputs.rtk)
     judged = Judged.of(rows, tracked, codes)
     doubt = judged.test_held(rows, arcs, n_groups, inputs.limits)
+    interval_s = 0.0 if state.t_gps_ns is None else (t_ns - state.t_gps_ns) / _NS
+    believed = with_honest_codes(rows, judged.use_code, tracked.previous, interval_s)
     static = inputs.rtk.position_noise_m_sqrt_s is not None and state.t_gps_ns is not None
     origin = state.origin_ecef_m if static else approximate
     accumulate(
-        information, right, rows, arcs, judged.use_code, judged.use_phase, approximate - origin, n_groups
+        information, right, believed, arcs, judged.use_code, judged.use_phase, approximate - origin, n_groups
     )  # fmt: skip
     doubts = state.doubts_in_a_row + 1 if doubt else 0
     let_go = doubts >= _DOUBTS_LIMIT

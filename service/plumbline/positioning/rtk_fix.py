@@ -15,6 +15,7 @@ from numba import njit
 from plumbline.config import RtkSettings
 from plumbline.estimation.ambiguity import resolve
 from plumbline.positioning.rtk_filter import estimate
+from plumbline.positioning.rtk_lasting import lasting_of_arcs
 from plumbline.positioning.rtk_state import N_CORE, POSITION
 from plumbline.positioning.state import Records
 from plumbline.records import Booleans, Floats, Ints
@@ -99,7 +100,7 @@ def _given(information: Floats, right: Floats, known: Booleans, values: Floats) 
 
 def _search(
     information: Floats, right: Floats, known: Booleans, values: Floats, wanted: Booleans, sine: Floats,
-    settings: RtkSettings, partial: bool,
+    lasting: Floats, settings: RtkSettings, partial: bool,
 ) -> _Search:  # fmt: skip
     """Resolve the ``wanted`` arcs given the ``known`` ones: all, else the higher ones, else what relations can be."""
     x, q, regular = _given(information, right, known, values)
@@ -112,7 +113,8 @@ def _search(
         if chosen.size < _MIN_AMBIGUITIES and not (known.any() and chosen.size and step == 0.0):
             break
         at = N_CORE + chosen
-        found = resolve(x[at], q[np.ix_(at, at)], settings.min_ratio, settings.min_success_rate, partial=False)
+        q_aa = q[np.ix_(at, at)] + lasting[np.ix_(chosen, chosen)]
+        found = resolve(x[at], q_aa, settings.min_ratio, settings.min_success_rate, partial=False)
         if step == 0.0:
             ratio, rate, reason = found.ratio, found.success_rate, found.reason
         if found.accepted:
@@ -123,7 +125,7 @@ def _search(
             return _Search(True, complete, new_values, now, y[POSITION], c[POSITION, POSITION], found.ratio,
                            found.success_rate, int(chosen.size), "")  # fmt: skip
     if partial:
-        relations = _relations(x, q, np.flatnonzero(wanted & ~known), settings)
+        relations = _relations(x, q, np.flatnonzero(wanted & ~known), lasting, settings)
         if relations is not None:
             position, covariance, found_ratio, found_rate, n = relations
             return _Search(True, False, values, known, position, covariance, found_ratio, found_rate, n, "")
@@ -133,12 +135,12 @@ def _search(
 _Resolved = tuple[Floats, Floats, float, float, int]
 
 
-def _relations(x: Floats, q: Floats, chosen: Ints, settings: RtkSettings) -> _Resolved | None:
+def _relations(x: Floats, q: Floats, chosen: Ints, lasting: Floats, settings: RtkSettings) -> _Resolved | None:
     """Position given the integer relations that can be resolved, or None where they do not determine it."""
     if chosen.size < _MIN_AMBIGUITIES:
         return None
     at = N_CORE + chosen
-    q_aa = q[np.ix_(at, at)]
+    q_aa = q[np.ix_(at, at)] + lasting[np.ix_(chosen, chosen)]
     found = resolve(x[at], q_aa, settings.min_ratio, settings.min_success_rate, partial=True)
     if not found.accepted:
         return None
@@ -159,11 +161,11 @@ def fix(
 
     ``verify`` asks for that free search.
     """
-    sine = sines_of_arcs(rows, arcs.size)
+    sine, lasting = sines_of_arcs(rows, arcs.size), lasting_of_arcs(rows, arcs.size)
     arcs = arcs.copy()
     contradicted = False
     if arcs["held"].any() and verify and settings.integers != "off":
-        contradicted = _contradicts(information, right, rows, arcs, sine, settings)
+        contradicted = _contradicts(information, right, rows, arcs, sine, lasting, settings)
         if contradicted:
             arcs["held"] = False
     references = _references(rows, arcs, sine, True)
@@ -185,7 +187,7 @@ def fix(
         return Fix(
             ok, *base, base[0], arcs, n, n_held, np.nan, 1.0, "" if ok else "too few integers held"
         ), contradicted
-    found = _search(information, right, known, values, wanted, sine, settings, settings.partial)
+    found = _search(information, right, known, values, wanted, sine, lasting, settings, settings.partial)
     if found.accepted:
         new = found.known & arcs["integer"] & _with_company(rows, found.known & arcs["integer"])
         arcs["value"] = np.where(new, found.values, arcs["value"]).astype(np.int64)
@@ -219,12 +221,14 @@ def _with_company(rows: Records, held: Booleans) -> Booleans:
 
 
 def _contradicts(
-    information: Floats, right: Floats, rows: Records, arcs: Records, sine: Floats, settings: RtkSettings
-) -> bool:
+    information: Floats, right: Floats, rows: Records, arcs: Records, sine: Floats, lasting: Floats,
+    settings: RtkSettings,
+) -> bool:  # fmt: skip
     """Whether a search that knows nothing of the integers held finds others, and is sure of them."""
     references = _references(rows, arcs, sine, False)
     wanted = arcs["integer"] & ~references
-    found = _search(information, right, references, np.zeros(arcs.size), wanted, sine, settings, partial=False)
+    none = np.zeros(arcs.size)
+    found = _search(information, right, references, none, wanted, sine, lasting, settings, partial=False)
     if not found.accepted:
         return False
     with_arc = rows[rows["arc"] >= 0]
