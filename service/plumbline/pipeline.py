@@ -27,7 +27,7 @@ from plumbline.epochs.assembler import EpochAssembler
 from plumbline.epochs.ephemeris_chain import EphemerisChain
 from plumbline.epochs.stream import Books, NavigationFeed, StreamDecoder
 from plumbline.epochs.time_base import TimeBase
-from plumbline.gps_time import NS_PER_S, WEEK_NS
+from plumbline.gps_time import DAY_NS, NS_PER_S, WEEK_NS
 from plumbline.judgement import Judge, JudgementState
 from plumbline.modes.context import Outcome
 from plumbline.modes.other_streams import OtherStreams
@@ -218,7 +218,8 @@ class Pipeline:
             return self._release_held() + self._use(message, t_receive_ns)
         self.state.held.append((message, t_receive_ns))
         first, last = (_time_of(*self.state.held[k]) for k in (0, -1))
-        return self._release_held() if abs(last - first) > _HELD_SPAN_NS else []
+        span_ns = (last - first + DAY_NS // 2) % DAY_NS - DAY_NS // 2  # weeks and days are guesses as yet
+        return self._release_held() if abs(span_ns) > _HELD_SPAN_NS else []
 
     def _release_held(self) -> list[Output]:
         held, self.state.held = self.state.held, []

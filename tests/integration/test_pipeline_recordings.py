@@ -10,7 +10,7 @@ import pytest
 from plumbline.bus import codec
 from plumbline.config import Mode, StationSettings
 from plumbline.epochs.recording import Piece, merge, read_recording
-from plumbline.gps_time import NS_PER_S, gps_ns_from_utc
+from plumbline.gps_time import DAY_NS, NS_PER_S, gps_ns_from_utc
 from plumbline.pipeline import Books, NavigationFeed, Pipeline
 from plumbline.records import Output, Solution, StationStatus, Status
 
@@ -54,6 +54,14 @@ def test_the_week_crossing_leaves_no_mark_even_years_later(str17: list[Piece]) -
     positions = np.array([s.position_ecef_m for s in outputs if s.position_ecef_m is not None])
     assert len(positions) > 1000
     assert np.abs(positions - np.median(positions, axis=0)).max() < 30.0  # broadcast single points: metres, no outlier
+
+
+@pytest.mark.parametrize("day", range(7))
+def test_the_weekday_of_a_later_replay_is_no_matter(str17: list[Piece], day: int) -> None:
+    """What tells a time of week and what tells a time of day agree only once an ephemeris has told the week."""
+    outputs = solutions(replay(str17[:400], shift_ns=TODAY + day * DAY_NS - str17[0].t_ns))
+    start = gps_ns_from_utc(datetime(2018, 7, 14, 23, 50, tzinfo=UTC))
+    assert [s.t_gps_ns for s in outputs] == [start + k * NS_PER_S for k in range(len(outputs))]
 
 
 def test_the_same_bytes_give_the_same_rows_however_they_are_cut(str17: list[Piece]) -> None:

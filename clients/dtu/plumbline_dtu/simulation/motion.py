@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.signal import detrend
 
 from plumbline.errors import ConfigurationError
 from plumbline.files.seismic import Series, read_components
@@ -102,6 +101,8 @@ def record(series: Series, t_start_gps_ns: int) -> Motion:
 
     Acceleration has its trend removed, and the displacement's drift (a parabola) with it.
     """
+    from scipy.signal import detrend  # here: it takes seconds to load, and a replay does without
+
     values = np.nan_to_num(series.values[:, :3])
     t_s = np.arange(len(values)) * (series.interval_ns / NS_PER_S)
     if series.unit == "m/s2":
