@@ -112,7 +112,7 @@ async def receive(connection: ClientConnection) -> dict[str, Any]:
 async def test_messages_have_the_form_that_is_documented(server: Server) -> None:
     examples = stream_examples()
     assert set(examples) == {
-        "hello", "subscribed", "solution", "motion", "status", "alert", "quality", "missed", "error",
+        "hello", "subscribed", "solution", "attitude", "motion", "status", "alert", "quality", "missed", "error",
     }  # fmt: skip
     async with connect(
         server.stream + "?channel=solution,motion&channel=status&channel=alert&channel=quality&station=a"
